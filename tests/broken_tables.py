@@ -68,8 +68,8 @@ CASES: list[tuple[str, Table, Change, str]] = [
     ("a kind twice", KINDS, doubled, "only one row with the same entity"),
     ("a triple doubled", TRIPLES, doubled, "only one row with the same head"),
     ("both train and test", SPLITS, as_test_and_train, "row 1 .*each once"),
-    ("session 0", NOVEL, lambda f: f.assign(session=0), "'session' of at least 1"),
-    ("no model of a seed", RUNS, lambda f: f[f["seed"] > 0], "a row of seed"),
+    ("size 0", NOVEL, lambda f: f.assign(size=0), "'size' of at least 1"),
+    ("no model of a seed", RUNS, lambda f: f[f["seed"] > 0], "a row of each seed"),
 ]
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from isi.errors import InputError
+from isi.evaluation.changes import change_rows
 from isi.experiment.insert import joint_targets
 from isi.experiment.store import RUNS, Store
 from isi.params import load
@@ -34,9 +35,9 @@ def read_all() -> None:
     store.words()
     for points in store.grid(stack=100):
         store.theta0(points, params.model_of())
-        store.joint_models(points, params.model_of())
+        store.joint(points, params.model_of())
         store.initial_vectors("rs", points)
-        joint_targets(runs, points)
+        joint_targets(change_rows(runs), points)
 
 
 def test_what_the_stages_wrote_is_read(made: Path) -> None:

@@ -20,19 +20,19 @@ from isi.training import batches
 from tests import small_grid as grid
 from tests.fake_device import DEVICE, FakeDevice
 
-TRAINED = grid.theta0(steps=2)
-(POINTS,) = grid.stacks(4, steps=2)
+TRAINED = grid.theta0()
+(POINTS,) = grid.stacks(4)
 TASKS: dict[str, tuple[Callable[..., Any], tuple[Any, ...]]] = {
     **{
-        f"inserting by {name}": (insert_stack, grid.insert_tasks(4, name, TRAINED, steps=2)[0])
+        f"inserting by {name}": (insert_stack, grid.insert_tasks(4, name, TRAINED)[0])
         for name in grid.INITIALIZERS
     },
     "measuring": (evaluate_stack, (POINTS, [TRAINED, TRAINED])),
     "tracing": (
         trace_trajectory,
         (
-            *grid.insert_tasks(1, "es", TRAINED, steps=2)[0][:3],
-            grid.insert_tasks(1, "es", TRAINED, steps=2)[0][-1],
+            *grid.insert_tasks(1, "es", TRAINED)[0][:3],
+            grid.insert_tasks(1, "es", TRAINED)[0][-1],
             1,
         ),
     ),

@@ -96,7 +96,7 @@ def expected(world: World, model: int) -> dict[str, Asked]:
         "d1": Asked(observed, d1, d1, everyone),
     }
     for group, times in (("known", known), ("novel", of_novel)):
-        sets[f"{group}_exchanged"] = Asked(times, d1, learned - new, everyone)
+        sets[f"{group}_learned"] = Asked(times, learned - new, learned - new, everyone)
         sets[f"{group}_alike"] = Asked(times, d1, d1, everyone, alike=True)
     return sets
 
@@ -105,8 +105,8 @@ def expected(world: World, model: int) -> dict[str, Asked]:
 GROUPS = ("known", "novel")
 OF_CHANGES = {
     "none": ("{}", "mrr"),
-    "counts": ("{}_exchanged", "mrr_star"),
-    "filter": ("{}_exchanged", "mrr"),
+    "counts": ("{}", "mrr_star"),
+    "filter": ("{}_learned", "mrr"),
     "one_group": ("d1", "mrr"),
     "triples_alike": ("{}_alike", "mrr"),
     "entities_alone": ("{}", "mrr_entity"),

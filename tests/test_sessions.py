@@ -1,6 +1,7 @@
 """Splits, novel sets, insert triples and the resulting sessions, as properties of random graphs."""
 
 from contextlib import nullcontext
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,11 +12,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isi.errors import InputError
-from isi.experiment.grid import GridPoints
+from isi.evaluation.changes import changed_query_sets
+from isi.evaluation.query_sets import query_sets
 from isi.experiment.store import Store
-from isi.graph.graph import ENTITIES, TRIPLES, Graph
+from isi.graph.graph import ENTITIES, TRIPLES, Graph, MinedSource, build_graph, build_tables
 from isi.graph.sessions import (
     OUT,
+    SPLIT_NAMES,
     SPLITS,
     TEST,
     TRAIN,
@@ -24,14 +27,16 @@ from isi.graph.sessions import (
     Shares,
     check_held_out,
     folds,
-    later_key,
+    published_split,
     sample_insert_triples,
     sample_novel,
     session_at,
     session_tables,
     split,
 )
-from tests.small_graphs import as_stored, generator, graph_of, points_of, random_graph
+from isi.tables import paths
+from tests.observing import observations_of
+from tests.small_graphs import InsertFrom, as_stored, generator, graph_of, points_of, random_graph
 
 GRAPHS = st.builds(
     random_graph,
@@ -111,29 +116,18 @@ def touching(graph: Graph, entities: set[int]) -> np.ndarray:
     return np.isin(graph.triples[:, [0, 2]], list(entities)).any(1)
 
 
-def sessions_of(points: GridPoints) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Entities and splits of D⁰, D¹, ... of the first model."""
-    found = [points.session(number) for number in range(points.sessions + 1)]
-    return [(session.entities[0].numpy(), session.splits[0].numpy()) for session in found]
-
-
-@given(GRAPHS, SEEDS, st.integers(1, 2))
-def test_each_session_adds_its_novel_entities_and_their_triples_to_the_one_before(
+@given(GRAPHS, SEEDS, st.integers(1, 3))
+def test_the_session_adds_the_novel_entities_and_their_triples(
     graph: Graph, seed: int, size: int
 ) -> None:
-    points = points_of(graph, size, [seed], steps=2)
-    (d0, of0), (d1, of1), (d2, of2) = sessions_of(points)
-    first, second = (set(novel.tolist()) for novel in points.novel[0])
-    assert len(first | second) == 2 * size
-    assert (set(np.flatnonzero(d1 & ~d0)), set(np.flatnonzero(d2 & ~d1))) == (first, second)
-    assert (d0 <= d1).all()
-    assert (d1 <= d2).all()
-    joint = points.session(1)
-    assert (d2 == joint.entities[0].numpy()).all()
-    assert (of2 == joint.splits[0].numpy()).all()
-    assert (of2 == points.splits[0]).all()
-    np.testing.assert_array_equal(of1, np.where(touching(graph, second), OUT, of2))
-    np.testing.assert_array_equal(of0, np.where(touching(graph, first | second), OUT, of2))
+    points = points_of(graph, size, [seed])
+    before, after = points.session(0), points.session(1)
+    novel = set(points.novel[0].tolist())
+    assert set(np.flatnonzero(after.entities[0] & ~before.entities[0])) == novel
+    assert after.entities.all()
+    assert (after.splits[0].numpy() == points.splits[0]).all()
+    expected = np.where(touching(graph, novel), OUT, points.splits[0])
+    np.testing.assert_array_equal(before.splits[0], expected)
 
 
 @pytest.mark.parametrize("heldout", [VALID, TEST])
@@ -141,75 +135,75 @@ def test_known_entities_without_a_training_triple_are_told(heldout: int) -> None
     # 3 is tied to 0 alone, 4 to 2 by a held-out triple alone: both are orphans once 0 is novel
     graph = graph_of({(0, 0, 3): 1, (1, 0, 2): 1, (2, 0, 4): 1, (0, 0, 1): 1, (0, 0, 4): 1}, 5, 1)
     splits = torch.tensor([[TRAIN, TRAIN, heldout, TRAIN, TRAIN]], dtype=torch.int8)
-    session = session_at(graph, splits, torch.tensor([[[0]]]), 0)
+    session = session_at(graph, splits, torch.tensor([[0]]), 0)
     assert session.entities[0].tolist() == [False, True, True, True, True]
     assert session.trained()[0].tolist() == [False, True, True, False, False]
 
 
-@given(GRAPHS, SEEDS, st.integers(1, 3), st.integers(1, 2), st.sampled_from([0.3, 0.5, 1.0]))
-def test_insert_triples_are_a_share_of_the_training_triples_to_ends_known_by_then(
-    graph: Graph, seed: int, size: int, steps: int, fraction: float
+@given(
+    GRAPHS,
+    SEEDS,
+    st.integers(1, 3),
+    st.sampled_from([0.3, 0.5, 1.0]),
+    st.sampled_from(["train", "all"]),
+)
+def test_insert_triples_are_a_share_of_the_triples_to_known_ends_of_training_or_of_all_splits(
+    graph: Graph, seed: int, size: int, fraction: float, insert_from: InsertFrom
 ) -> None:
-    size = min(size, len(graph.entities) // steps)
     splits = split(graph, 0, seed, 0.3, 0.2)
-    novel = sample_novel(np.arange(len(graph.entities)), 0, size, seed, steps)
-    for session in range(1, steps + 1):
-        pairs = sample_insert_triples(graph, splits, novel, session, 0, seed, fraction)
-        # entities of earlier sessions are known
-        unknown = set(novel[session - 1 :].ravel().tolist())
-        assert len(set(pairs)) == len(pairs)
-        assert {entity for entity, _ in pairs} <= set(novel[session - 1].tolist())
-        for entity in novel[session - 1].tolist():
-            ends = graph.triples[:, [0, 2]].numpy()
-            known_end = ((ends == entity).sum(1) == 1) & ~np.isin(
-                ends, list(unknown - {entity})
-            ).any(1)
-            usable = set(np.flatnonzero(known_end & (splits == TRAIN)).tolist())
-            own = {triple for of, triple in pairs if of == entity}
-            assert own <= usable
-            assert len(own) == (max(1, int(fraction * len(usable))) if usable else 0)
+    novel = sample_novel(np.arange(len(graph.entities)), 0, size, seed)
+    pairs = sample_insert_triples(graph, splits, novel, 0, seed, fraction, insert_from)
+    assert len(set(pairs)) == len(pairs)
+    assert {entity for entity, _ in pairs} <= set(novel.tolist())
+    ends = graph.triples[:, [0, 2]].numpy()
+    known_end = np.isin(ends, novel).sum(1) == 1
+    drawn_from = (splits == TRAIN) | (insert_from == "all")
+    for entity in novel.tolist():
+        usable = set(np.flatnonzero(touching(graph, {entity}) & known_end & drawn_from).tolist())
+        own = {triple for of, triple in pairs if of == entity}
+        assert own <= usable
+        assert len(own) == (max(1, int(fraction * len(usable))) if usable else 0)
+
+
+def test_insert_triples_from_all_splits_are_of_all_and_no_query_asks_for_them() -> None:
+    points = points_of(random_graph(13, 2, 90), 3, [0, 1, 2], insert_from="all")
+    drawn = points.splits[points.insert_triples[:, 0], points.insert_triples[:, 2]]
+    assert set(drawn.tolist()) == {TRAIN, VALID, TEST}
+    given = points.session(1), points.novel_ids, points.insert_mask
+    for queries in (query_sets(*given) | changed_query_sets(*given)).values():
+        assert not (queries.queried > 0)[points.insert_mask].any()
 
 
 # What draws depend on
 
 
-def drawn_novel(entities: int, root: int, size: int, seed: int) -> np.ndarray:
-    (novel,) = sample_novel(np.arange(entities), root, size, seed)
-    return novel
-
-
 def test_novel_sets_of_other_roots_differ() -> None:
-    assert drawn_novel(40, 0, 5, 7).tolist() != drawn_novel(40, 1, 5, 7).tolist()
+    one, other = (sample_novel(np.arange(40), root, 5, 7).tolist() for root in (0, 1))
+    assert one != other
 
 
 def test_novel_sets_are_drawn_uniformly_without_repeats() -> None:
-    size, steps = 2, 2
-    draws = np.array([sample_novel(np.arange(6), 0, size, seed, steps) for seed in range(1500)])
-    assert draws.shape == (1500, steps, size)
-    assert (np.diff(draws, axis=2) > 0).all()
-    assert (np.diff(np.sort(draws.reshape(1500, -1)), axis=1) > 0).all()
+    size = 3
+    draws = np.array([sample_novel(np.arange(6), 0, size, seed) for seed in range(1500)])
+    assert draws.shape == (1500, size)
+    assert (np.diff(draws, axis=1) > 0).all()
     expected = 1500 * size / 6
-    for session in range(steps):
-        assert (
-            np.abs(np.bincount(draws[:, session].ravel(), minlength=6) - expected).max()
-            < 5 * expected**0.5
-        )
+    counts = np.bincount(draws.ravel(), minlength=6)
+    assert np.abs(counts - expected).max() < 5 * expected**0.5
 
 
 def test_novel_sets_are_drawn_from_the_candidates_alone() -> None:
     candidates = np.array([3, 4, 8, 20, 21])
-    drawn = [sample_novel(candidates, 0, 2, seed, 2) for seed in range(50)]
-    assert set(np.concatenate(drawn).ravel()) == set(candidates.tolist())
-    places = drawn_novel(5, 0, 2, 9)
-    assert (sample_novel(candidates, 0, 2, 9)[0] == candidates[places]).all()
+    drawn = [sample_novel(candidates, 0, 2, seed) for seed in range(50)]
+    assert set(np.concatenate(drawn)) == set(candidates.tolist())
+    places = sample_novel(np.arange(5), 0, 2, 9)
+    assert (sample_novel(candidates, 0, 2, 9) == candidates[places]).all()
 
 
 @pytest.mark.parametrize(("size", "seed"), [(1, 0), (4, 7)])
-def test_a_session_that_no_other_follows_draws_from_streams_of_size_and_seed(
-    size: int, seed: int
-) -> None:
+def test_draws_are_of_streams_of_size_and_seed(size: int, seed: int) -> None:
     graph = random_graph(12, 2, 70)
-    splits, novel = split(graph, 0, seed, 0.2, 0.2), drawn_novel(12, 0, size, seed)
+    splits, novel = split(graph, 0, seed, 0.2, 0.2), sample_novel(np.arange(12), 0, size, seed)
     assert novel.tolist() == sorted(
         generator("novel", size, seed).choice(12, size, replace=False).tolist()
     )
@@ -223,27 +217,11 @@ def test_a_session_that_no_other_follows_draws_from_streams_of_size_and_seed(
             else []
         )
         expected += [(entity, triple) for triple in chosen]
-    assert sample_insert_triples(graph, splits, novel[None], 1, 0, seed, 0.5) == expected
+    assert sample_insert_triples(graph, splits, novel, 0, seed, 0.5) == expected
     assert points_of(graph, size, [seed, seed + 1]).keys().tolist() == [
         [size, seed],
         [size, seed + 1],
     ]
-
-
-def test_a_later_session_has_streams_of_its_own() -> None:
-    graph = random_graph(12, 2, 100)
-    points = points_of(graph, 1, [5], steps=2)
-    assert (points.keys(*later_key(1)).tolist(), points.keys(*later_key(2)).tolist()) == (
-        [[1, 5]],
-        [[1, 5, 2]],
-    )
-    novel, entity = points.novel[0], int(points.novel[0, 1, 0])
-    ends = graph.triples[:, [0, 2]].numpy()
-    own = np.flatnonzero(((ends == entity).sum(1) == 1) & (points.splits[0] == TRAIN))
-    chosen = np.sort(generator("insert triples", 1, 5, 2).choice(own, len(own) // 2, replace=False))
-    assert len(chosen) > 1
-    pairs = sample_insert_triples(graph, points.splits[0], novel, 2, 0, 5, 0.5)
-    assert pairs == [(entity, triple) for triple in chosen.tolist()]
 
 
 def test_a_part_of_a_graph_keeps_the_ids_of_entities() -> None:
@@ -274,10 +252,10 @@ def store_of(graph: Graph, **sessions: Any) -> Store:
     return Store("home", {ENTITIES: entities, TRIPLES: triples, **ordered})
 
 
-@pytest.mark.parametrize("steps", [1, 2])
-def test_grid_points_are_read_as_they_were_drawn(steps: int) -> None:
+@pytest.mark.parametrize("insert_from", ["train", "all"])
+def test_grid_points_are_read_as_they_were_drawn(insert_from: InsertFrom) -> None:
     graph = as_stored(random_graph(13, 2, 90))
-    store = store_of(graph, novel="any", sizes=[3, 1], seeds=3, steps=steps)
+    store = store_of(graph, novel="any", sizes=[3, 1], seeds=3, insert_from=insert_from)
     grid = store.grid(2)
     assert [(points.size, points.seeds) for points in grid] == [
         (1, [0, 1]),
@@ -286,13 +264,13 @@ def test_grid_points_are_read_as_they_were_drawn(steps: int) -> None:
         (3, [2]),
     ]
     for points in grid:
-        drawn = points_of(graph, points.size, points.seeds, steps=steps)
+        drawn = points_of(graph, points.size, points.seeds, insert_from)
         assert torch.equal(points.graph.triples, graph.triples)
         for name in ("novel", "splits", "insert_triples"):
             np.testing.assert_array_equal(getattr(points, name), getattr(drawn, name))
-        assert set(points.insert_triples[:, 0]) == set(range(1, steps + 1))
     (only,) = store.grid(5, size=3, seeds=2)
     assert (only.size, only.seeds) == (3, [0, 1])
+    assert not store.shares_split
 
 
 def test_triples_without_a_row_have_no_split() -> None:
@@ -307,3 +285,57 @@ def test_triples_without_a_row_have_no_split() -> None:
         0: [0, 1, OUT],
         1: [0, OUT, 2],
     }
+
+
+# The published split
+
+NAMES = ["head", "relation", "tail"]
+
+
+@pytest.fixture(scope="module")
+def published() -> Graph:
+    observed = observations_of({"reader": "published"})
+    tables = build_tables(MinedSource("published", observed.table, observed.kinds))
+    return build_graph(tables.entities, tables.triples)
+
+
+def test_a_published_fold_is_that_of_the_papers_authors(published: Graph) -> None:
+    names = pd.read_csv(paths.PUBLISHED_PHRASES).set_index("synset")["entity"]
+    folds = pd.read_csv(paths.PUBLISHED_FOLDS).replace({"head": names, "tail": names})
+    expected = folds.set_index(NAMES)
+    for fold in (0, 3):
+        codes = published_split(published, fold, 0, 7, 0.1, 0.1)
+        assert np.bincount(codes).tolist() == [282, 35, 35]
+        for (head, relation, tail), code in zip(published.triples.tolist(), codes, strict=True):
+            ends = published.entities[head], published.relations[relation], published.entities[tail]
+            assert SPLIT_NAMES[code] == expected.loc[ends, f"fold_{fold}"]
+    store = store_of(
+        published, novel="any", sizes=[1], seeds=2, split={"from": "published", "fold": 0}
+    )
+    assert store.shares_split
+
+
+def test_triples_of_another_source_are_split_for_each_seed_with_all_their_entities_in_train(
+    published: Graph,
+) -> None:
+    new = [(101 + n % 7, n % 3, n % 11) for n in range(60)]
+    triples = torch.cat([published.triples, torch.tensor(new)])
+    extended = replace(
+        published,
+        entities=[*published.entities, *(f"new {n}" for n in range(7))],
+        triples=triples,
+        counts=torch.ones(len(triples), dtype=torch.int64),
+    )
+    alone = published_split(published, 1, 0, 0, 0.1, 0.1)
+    one, other = (published_split(extended, 1, 0, seed, 0.1, 0.1) for seed in (0, 1))
+    assert (one[:352] == alone).all()
+    assert (other[:352] == alone).all()
+    assert (one != other).any()
+    assert np.bincount(one[352:]).tolist() == [48, 6, 6]
+    train = triples[352:].numpy()[one[352:] == TRAIN]
+    assert set(train[:, [0, 2]].ravel()) == set(triples[352:, [0, 2]].flatten().tolist())
+
+
+def test_a_published_split_of_another_graph_is_refused() -> None:
+    with pytest.raises(InputError, match=r"params\.yaml: sessions\.split: expected "):
+        published_split(random_graph(5, 2, 20), 0, 0, 0, 0.1, 0.1)

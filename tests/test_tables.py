@@ -12,7 +12,7 @@ import torch
 from safetensors import safe_open
 
 from isi.errors import InputError
-from isi.experiment.store import RUNS, TIES
+from isi.experiment.store import MEASURE_CHANGES, RUNS
 from isi.graph.graph import ENTITIES, TRIPLES
 from isi.graph.sessions import NOVEL
 from isi.sources import KINDS
@@ -29,7 +29,7 @@ def plain(table: pd.DataFrame) -> list[tuple[Any, ...]]:
 
 
 def novel(path: Path) -> Path:
-    row = pd.DataFrame({"size": [1], "seed": [0], "entity": [4], "session": [1]})
+    row = pd.DataFrame({"size": [1], "seed": [0], "entity": [4]})
     NOVEL.write_file(path, row, MADE)
     return path
 
@@ -105,8 +105,8 @@ def test_a_stream_is_one_row_group_a_part_and_reads_as_the_whole_would(tmp_path:
 def test_without_parts_a_table_has_no_rows(tmp_path: Path) -> None:
     assert KINDS.write_parts(tmp_path / "t.parquet", [], MADE) == 0
     assert list(KINDS.read_file(tmp_path / "t.parquet").columns) == list(KINDS.columns)
-    nothing = concat([], RUNS, TIES)
-    for table in (RUNS, TIES):
+    nothing = concat([], RUNS, MEASURE_CHANGES)
+    for table in (RUNS, MEASURE_CHANGES):
         table.write_file(tmp_path / "t.parquet", nothing, MADE)
         read = table.read_file(tmp_path / "t.parquet")
         assert (len(read), list(read.columns)) == (0, list(table.columns))

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import logsigmoid
 
-from isi.evaluation.query_sets import epoch_query_sets, validation
+from isi.evaluation.query_sets import GROUPS, query_sets, validation
 from isi.evaluation.ranking import evaluate
 from isi.experiment.grid import GridPoints
 from isi.graph.sessions import OUT, TRAIN, membership, session_of
@@ -19,6 +19,7 @@ from isi.training.batches import DenseBatch, ListBatch, Negatives, batches, trai
 from isi.training.trainer import (
     ConvergenceWatch,
     Optimizer,
+    Target,
     Training,
     adagrad,
     loss_gradient,
@@ -177,43 +178,53 @@ def form(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Non
         monkeypatch.setattr("isi.training.batches.DENSE_LIMIT", 0)
 
 
-def tuned(seeds: list[int], targets: dict[str, Tensor], full_curves: bool = False) -> pd.DataFrame:
-    points = small_points(seeds)
+Targets = dict[str, list[list[float]]]  #: By name: of both groups, of each model.
+NAN = [float("nan")] * 4
+
+
+def tuned(targets: Targets, trained: list[bool] | None = None, full: bool = False) -> pd.DataFrame:
+    """Measures of four models by epoch until they reach the targets."""
+    points = small_points()
     watch = ConvergenceWatch(
-        epoch_query_sets(points.session(1), points.novel_ids), targets, full_curves
+        [query_sets(points.session(1), points.novel_ids, points.insert_mask)],
+        {
+            name: [
+                Target(group, "mrr", torch.tensor(values, dtype=torch.float64))
+                for group, values in zip(GROUPS, of_groups, strict=True)
+            ]
+            for name, of_groups in targets.items()
+        },
+        None if trained is None else torch.tensor(trained),
+        full,
     )
     data = training_data(points.session(1), "test", points.keys())
     train(start_of(points), data, SAMPLED, TUNING, 0, watch)
-    return pd.concat(watch.looks)
+    return pd.concat(watch.looks).set_index(["place", "scope", "epoch"])["mrr"].sort_index()
 
 
-def series(curves: pd.DataFrame, model: int, scope: str) -> list[float]:
-    """MRR* of one model by epoch."""
-    return curves.loc[(curves["place"] == model) & (curves["scope"] == scope), "mrr_star"].tolist()
-
-
-def test_fine_tuning_stops_for_each_model_once_it_has_converged_everywhere() -> None:
-    nowhere = {"all": torch.full((4,), torch.nan), "novel_heldout": torch.full((4,), torch.nan)}
-    full = tuned([0, 1, 2, 3], nowhere, full_curves=True)
-    assert full.groupby("epoch")["place"].nunique().to_dict() == dict.fromkeys(
-        range(TUNING.max_epochs + 1), 4
-    )
-    every = {scope: [series(full, model, scope) for model in range(4)] for scope in nowhere}
-    # model 0 converges at epoch 0, 1 has no target, 2 never converges, 3 converges later in both
-    # scopes
-    late = [max(every[scope][3][1:]) for scope in ("all", "novel_heldout")]
-    targets = {
-        "all": torch.tensor([-1.0, torch.nan, 2.0, late[0]], dtype=torch.float64),
-        "novel_heldout": torch.tensor([-1.0, torch.nan, -1.0, late[1]], dtype=torch.float64),
-    }
-    last = max(
-        next(epoch for epoch, value in enumerate(every[scope][3]) if value >= target)
-        for scope, target in zip(("all", "novel_heldout"), late, strict=True)
-    )
-    curves = tuned([0, 1, 2, 3], targets)
-    for model, epochs in enumerate([0, 0, TUNING.max_epochs, last]):
-        for scope in targets:
-            assert series(curves, model, scope) == every[scope][model][: epochs + 1]
+def test_fine_tuning_stops_for_each_model_at_the_first_epoch_at_which_both_groups_converge() -> (
+    None
+):
+    full = tuned({"none": [NAN, NAN]}, full=True)
+    assert full.groupby("epoch").size().to_dict() == dict.fromkeys(range(7), 4 * 5)
+    known, novel = ([full[model, group].tolist() for model in range(4)] for group in GROUPS)
+    # 0 converges at once, 1 too, with no target of novel entities, 2 never, and 3 where both are
+    # highest
+    both = [min(pair) for pair in zip(known[3], novel[3], strict=True)]
+    assert both.index(max(both)) > 0
+    late = max(both)
+    targets = [[-1.0, -1.0, -1.0, late], [-1.0, float("nan"), 2.0, late]]
+    curves = tuned({"none": targets})
+    ends = [0, 0, TUNING.max_epochs, both.index(late)]
+    for model, end in enumerate(ends):
+        for group, own in zip(GROUPS, (known, novel), strict=True):
+            assert curves[model, group].tolist() == own[model][: end + 1]
+    # every change of the measure has to converge, each at an epoch of its own
+    prolonged = tuned({"none": targets, "other": [[2.0, -1.0, -1.0, -1.0], NAN]})
+    assert prolonged[0, "known"].tolist() == known[0]
+    assert prolonged[3, "known"].tolist() == known[3][: ends[3] + 1]
+    chosen = tuned({"none": targets}, [False, True, False, True], full=True)
+    assert chosen.groupby("place").size().to_dict() == {0: 5, 1: 5 * 7, 2: 5, 3: 5 * 7}
 
 
 def test_training_gives_each_model_as_it_was_when_it_left() -> None:
@@ -316,9 +327,9 @@ def test_updates_by_one_observation_decay_by_the_dimension_and_on_touched_rows_a
 
 def test_new_rows_move_alone_at_first_by_single_observations_too() -> None:
     points = small_points([0])
-    novel = points.novel_in(1)
-    data = training_data(points.last_session, "test", points.keys(), novel)
-    session, keys = points.last_session.entities, points.keys()
+    novel = points.novel_ids
+    data = training_data(points.session(1), "test", points.keys(), novel)
+    session, keys = points.session(1).entities, points.keys()
     embedding = uniform(session, 3, ANALOGY, 12, 0.5, 0, keys)
     settings = TUNING.model_copy(update={"new_rows_first": 1, "batch_size": 1})
     state = start(embedding)
