@@ -194,7 +194,7 @@ def test_touched_rows_by_hand() -> None:
 def test_both_forms_of_a_batch_touch_the_same_rows(
     data: batches.TrainingData, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    negatives = batches.Negatives(mode="sampled", ratio=1, head_pool="unseen")
+    negatives = batches.Negatives(mode="sampled", ratio=1)
     dense = [batch for batch, _ in batches.batches(data, negatives, 1, 0, 1)]
     monkeypatch.setattr(batches, "DENSE_LIMIT", 0)
     lists = [batch for batch, _ in batches.batches(data, negatives, 1, 0, 1)]

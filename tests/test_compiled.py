@@ -36,7 +36,7 @@ def begin(points: GridPoints, kind: str = "analogy") -> State:
 
 
 def small_data(points: GridPoints) -> TrainingData:
-    return training_data(points.session(0), "test", points.keys(), "unseen")
+    return training_data(points.session(0), "test", points.keys())
 
 
 def tensors(state: State) -> list[torch.Tensor]:

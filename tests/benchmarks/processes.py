@@ -190,9 +190,8 @@ def grow_graph(entities: int, triples: int, form: str) -> dict[str, Any]:
     queried &= queried.cumsum(1) <= TEST_TRIPLES
 
     def rank() -> None:
-        queries = make_queries(
-            session, padded_ids(queried), queried, session.members(TRAIN, VALID), session.entities
-        )
+        seen, triples = session.members(TRAIN, VALID), padded_ids(queried)
+        queries = make_queries(session, triples, queried, seen, seen, session.entities)
         evaluate(state.embedding, {"test": queries})
 
     before = peak_mib()

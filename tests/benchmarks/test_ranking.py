@@ -6,7 +6,6 @@ the mean reciprocal rank of heads and tails alone.
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,8 +16,8 @@ from pykeen.models import ComplEx
 from pykeen.triples import CoreTriplesFactory
 from torch import Tensor
 
-from isi.evaluation.query_sets import epoch_query_sets
-from isi.evaluation.ranking import Queries, evaluate, make_queries, padded_ids
+from isi.evaluation.query_sets import query_sets
+from isi.evaluation.ranking import MEASURES, Queries, evaluate, make_queries, padded_ids
 from isi.graph.graph import Graph
 from isi.graph.sessions import TEST, TRAIN, VALID, Session, sample_novel
 from isi.models.model import make_model
@@ -64,7 +63,7 @@ def ask(session: Session) -> Queries:
     """Queries of the test triples; the filter is all train, validation and test triples."""
     queried = session.members(TEST)
     known = session.members(TRAIN, VALID, TEST)
-    return make_queries(session, padded_ids(queried), queried, known, session.entities)
+    return make_queries(session, padded_ids(queried), queried, known, known, session.entities)
 
 
 def mean_reciprocal_ranks(embedding: Embedding, session: Session) -> Tensor:
@@ -80,19 +79,14 @@ def mean_reciprocal_ranks(embedding: Embedding, session: Session) -> Tensor:
         part.expand(number, -1) for part in (session.entities, session.members(TRAIN, VALID, TEST))
     )
     alone = Session(session.graph, everyone, session.splits.expand(number, -1))
-    queries = make_queries(alone, triples, queried, known, everyone)
+    queries = make_queries(alone, triples, queried, known, known, everyone)
     assert queries.rows is not None
-    entities_only = replace(
-        queries.rows, relation_weight=torch.zeros_like(queries.rows.relation_weight)
-    )
     stack = Embedding(
         embedding.entity.expand(number, -1, -1),
         embedding.relation.expand(number, -1, -1),
         embedding.model,
     )
-    return (
-        2 * evaluate(stack, {"test": replace(queries, rows=entities_only)})["test"].measures[:, 3]
-    )
+    return evaluate(stack, {"test": queries})["test"].measures[:, MEASURES.index("mrr_entity")]
 
 
 @pytest.mark.parametrize("prepared", [True, False])
@@ -135,10 +129,10 @@ def test_scopes(benchmark: Any, home: Graph, params: Params) -> None:
     """The ranking of a stack after each epoch of fine-tuning."""
     session = split_session(home, params, SCOPES_MODELS)
     everyone = np.arange(len(home.entities))
-    novel = np.concatenate(
+    novel = np.stack(
         [sample_novel(everyone, params.seed, NOVEL, seed) for seed in range(SCOPES_MODELS)]
     )
-    scopes = epoch_query_sets(session, torch.from_numpy(novel))
+    scopes = query_sets(session, torch.from_numpy(novel), torch.zeros(session.splits.shape) > 0)
     keys, name = torch.arange(SCOPES_MODELS)[:, None], params.embedding.model
     model = make_model(name, params.models[name], f"models.{name}")
     stack = uniform(
