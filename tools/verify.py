@@ -401,11 +401,33 @@ def immediate_measures(
             if np.allclose(here, there.loc[scope, MEASURES], 0, tolerance, equal_nan=True):
                 rows[scope] = here
                 break
-    return pd.DataFrame.from_dict(rows, "index", columns=EPOCHS)
+    return pd.DataFrame.from_dict(rows, "index", columns=MEASURES)
 
+
+# Epochs to convergence
 
 #: Columns of Table 2: mean over all runs, mean over those that end, and how many do not.
 EPOCHS = ["mean", "runs that end: mean", "do not end"]
+
+
+def epochs_of(experiment: Experiment, seeds: int, margin: float, most: int) -> pd.DataFrame:
+    """Epochs of the fine-tuned runs by initializer: mean over all runs, mean over those that end,
+    and how many do not.
+    """
+    point, groups = ["size", "seed"], ["known", "novel"]
+    joint = experiment.runs["joint"].set_index([*point, "scope"])["mrr"]
+    rows = {}
+    for model, runs in experiment.runs.items():
+        tuned = runs[(runs["seed"] < seeds) & runs["scope"].isin(groups)]
+        if model == "joint" or not tuned["epoch"].any():
+            continue
+        tuned = tuned.dropna(subset="mrr").join(joint.rename("joint"), on=[*point, "scope"])
+        tuned["within"] = tuned["mrr"] >= tuned["joint"] - margin
+        both = tuned.groupby([*point, "epoch"])["within"].all().reset_index()
+        first = both[both["within"]].groupby(point)["epoch"].min()
+        epochs = first.reindex(both.groupby(point).size().index)
+        rows[model] = [epochs.fillna(most).mean(), epochs.mean(), float(epochs.isna().sum())]
+    return pd.DataFrame.from_dict(rows, "index", columns=EPOCHS)
 
 
 def check_epochs(experiment: Experiment, params: Values, check: Check) -> None:
