@@ -90,4 +90,5 @@ def with_weighted_changes(rows: pd.DataFrame, shares: Mapping[int, float]) -> pd
     share = known.index.get_level_values("size").map(shares).to_numpy()
     values = share * known + (1 - share) * novel.reindex(known.index)
     weighted = values.rename("value").reset_index().assign(scope="weighted")
-    return pd.concat([rows, weighted[list(rows)]], ignore_index=True)
+    joined: pd.DataFrame = pd.concat([rows, weighted[list(rows)]], ignore_index=True)
+    return joined

@@ -94,8 +94,9 @@ def with_weighted(runs: pd.DataFrame, shares: Mapping[int, float]) -> pd.DataFra
     values = share * known[list(MEASURES)] + (1 - share) * novel[list(MEASURES)]
     both = (known["queries"] > 0) & (novel["queries"] > 0)
     values["queries"] = (known["queries"] + novel["queries"]).where(both, 0)
-    rows = values.assign(scope="weighted").reset_index()
-    return pd.concat([runs, rows[list(runs)]], ignore_index=True)
+    rows: pd.DataFrame = values.assign(scope="weighted").reset_index()
+    joined: pd.DataFrame = pd.concat([runs, rows[list(runs)]], ignore_index=True)
+    return joined
 
 
 def epochs_to_convergence(

@@ -87,9 +87,8 @@ def break_down(points: GridPoints, embedding: Embedding, model: str) -> pd.DataF
         "relation": np.array(points.graph.relations)[table["relation"]],
         "novel": np.array(NOVEL_AT)[table["novel"]],
         "observations": observations(session).cpu().numpy()[table["place"], table["relation"]],
-        "model": model,
     }
-    return run_rows(points, [table.assign(**columns)])
+    return run_rows(points, [table.assign(**columns, model=model)])
 
 
 def query_terms(ranked: RankedQueries, is_novel: Tensor) -> pd.DataFrame:

@@ -213,7 +213,7 @@ def init_context(points: GridPoints, theta: Embedding, words: np.ndarray, root: 
 
 def finetune(points: GridPoints, theta: Embedding, config: InsertConfig, watch: Watch) -> Embedding:
     """Fine-tune Θ, with novel entities in it, on D¹; ``watch`` as in ``train`` (section 5.2)."""
-    data = training_data(points.session(1), "fine-tuning", points.keys(), points.novel_ids)
+    data = training_data(points.session(1), "fine-tuning", points.keys())
     return trainer.train(theta, data, config.negatives, config.optimizer, config.root, watch)
 
 

@@ -114,15 +114,16 @@ def evaluate_stack(
     """Measures of joint models on D¹ in all query sets (``RUNS``, epoch 0), the mean over models;
     ``with_changes``: in those of changes of the measure, too.
     """
-    measured = measured_sets(points, with_changes)
+    every = measured_sets(points, with_changes)
     frames = list[pd.DataFrame]()
     for theta in joint:
         results = dict[str, Result]()
-        for sharing in measured:
+        for sharing in every:
             results |= evaluate(theta, sharing)
         frames.append(run_rows(points, [measure_rows(results)]))
-    means = sum(frame[list(MEASURES)] for frame in frames) / len(frames)
-    return frames[0].assign(**means)
+    measured, mean = frames[0], sum(frame[list(MEASURES)].to_numpy() for frame in frames)
+    measured[list(MEASURES)] = mean / len(frames)
+    return measured
 
 
 def measured_sets(points: GridPoints, with_changes: bool) -> list[dict[str, Queries]]:

@@ -170,9 +170,9 @@ def published_split(
     """
     import pandas as pd
 
-    text = {"dtype": str, "keep_default_na": False}
-    names = pd.read_csv(paths.PUBLISHED_PHRASES, **text).set_index("synset")["entity"]
-    folds = pd.read_csv(paths.PUBLISHED_FOLDS, **text)
+    phrases = pd.read_csv(paths.PUBLISHED_PHRASES, dtype=str, keep_default_na=False)
+    folds = pd.read_csv(paths.PUBLISHED_FOLDS, dtype=str, keep_default_na=False)
+    names = phrases.set_index("synset")["entity"]
     ends = [folds[end].map(names) for end in ("head", "tail")]
     codes = folds[f"fold_{fold}"].map(SPLIT_NAMES.index)
     code_of = dict(zip(zip(ends[0], folds["relation"], ends[1], strict=True), codes, strict=True))
