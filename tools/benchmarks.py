@@ -151,6 +151,17 @@ def thor_u(rows: pd.DataFrame) -> dict[str, pd.Series]:
     return shown
 
 
+def updates(rows: pd.DataFrame) -> dict[str, pd.Series]:
+    """CPU time of an update by one observation, by number of entities; medians over epochs."""
+    return {
+        "entities": _count(rows["entities"]),
+        "observations": _count(rows["observations"]),
+        "µs per update, compiled": _figures(1e6 * rows["median"] / rows["observations"]),
+        "µs per update, batches of one": _figures(1e6 * rows["plain"]),
+        "times as fast": _figures(rows["plain"] * rows["observations"] / rows["median"]),
+    }
+
+
 def facts(rows: pd.DataFrame) -> dict[str, pd.Series]:
     """All columns but the median, of groups that ``TABLES`` does not list."""
     return {
@@ -168,6 +179,7 @@ TABLES = {
     "umls": umls,
     "thor_u": thor_u,
     "live": live,
+    "updates": updates,
 }
 #: All tables of a run; the last one shows all facts.
 GROUPS = [*TABLES, "one_by_one"]

@@ -8,6 +8,7 @@ triples in total.
 
 from __future__ import annotations
 
+import statistics
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -27,7 +28,7 @@ from torchkge.sampling import BernoulliNegativeSampler
 from torchkge.utils import LogisticLoss
 
 from isi.graph.graph import Graph
-from isi.graph.sessions import TRAIN
+from isi.graph.sessions import TRAIN, session_of
 from isi.models.model import make_model
 from isi.models.stack import uniform
 from isi.params import Params
@@ -35,10 +36,13 @@ from isi.training import trainer
 from isi.training.batches import TrainingData, training_data
 from isi.training.trainer import Training
 from tests.benchmarks.conftest import split_session
+from tests.small_graphs import random_graph
 
 ROUNDS = 5
 #: Number of single observations in an epoch without compilation.
 FEW = 200
+#: About the number of observations of the paper's graph.
+OBSERVATIONS = 14_759
 #: Updates by single observations run on one thread; CPU time excludes other work of the machine.
 singly = pytest.mark.benchmark(timer=time.process_time)
 
@@ -198,6 +202,35 @@ def test_single_observations(benchmark: Any, home: Graph, params: Params, name: 
     )
     with patch.object(trainer, "is_compiled", return_value=compiled):
         time_updates(benchmark, epoch, int(data.counts.sum()), each, what)
+
+
+@singly
+@pytest.mark.parametrize("entities", [20, 101, 145, 300])
+def test_updates_by_number_of_entities(benchmark: Any, params: Params, entities: int) -> None:
+    """Compiled epochs, each followed by batches of one of the same graph."""
+    graph, keys = random_graph(entities, 3, 350), torch.zeros(1, 2, dtype=torch.int64)
+    counts = torch.full_like(graph.counts, OBSERVATIONS // len(graph.counts))
+    splits = torch.full((1, len(counts)), TRAIN, dtype=torch.int8)
+    everything = session_of(replace(graph, counts=counts), splits)
+    data = training_data(everything, "training", keys, params.negatives.head_pool)
+    few = replace(data, counts=(data.counts.cumsum(1) <= FEW) * data.counts)
+    settings = params.training.model_copy(update={"batch_size": 1})
+    plain = epoch_of(params, few, "analogy", "sampled", settings)
+    seconds = []
+
+    def measure_peer() -> None:
+        before = time.process_time()
+        with patch.object(trainer, "is_compiled", return_value=False):
+            plain()
+        seconds.append((time.process_time() - before) / int(few.counts.sum()))
+
+    benchmark.group = "updates"
+    epoch = epoch_of(params, data, "analogy", "sampled", settings)
+    benchmark.pedantic(epoch, setup=measure_peer, rounds=ROUNDS, warmup_rounds=1)
+    observations = int(data.counts.sum())
+    benchmark.extra_info.update(
+        entities=entities, observations=observations, plain=statistics.median(seconds)
+    )
 
 
 @singly
