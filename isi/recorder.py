@@ -38,7 +38,7 @@ class Recording:
         self._lines = [_compressed(json.dumps(header).encode())]
         if not path.exists():
             return
-        lines = json_lines(path, None, MOST_BYTES, "a recording, compressed by gzip")
+        lines = json_lines(path, MOST_BYTES, "a recording, compressed by gzip")
         recordings.check_header(path, next(lines, (1, b""))[1], header)
         for number, line in lines:
             self.names.add(parse_json(Layout, line, path, f"line {number}").name)
