@@ -14,12 +14,11 @@ from isi.report.tables.estimates import (
     CELL,
     compare,
     difference,
-    drops,
     epochs_summary,
     holm,
-    improvements,
+    jackknife,
+    means_without_each,
     over_seeds,
-    relative,
 )
 
 #: 97.5 % quantile of Student's t for two seeds.
@@ -38,14 +37,9 @@ def estimate(rows: pd.DataFrame, scale: float = 1) -> list[float]:
     return list(over_seeds(rows, ["group"], {"value": "v"}, scale).loc["group"])
 
 
-def runs(rows: Sequence[tuple[str, str, int, int, float]]) -> pd.DataFrame:
-    """Runs of (model, scope, size, seed, MRR*) right after insertion."""
-    return pd.DataFrame(rows, columns=["model", "scope", "size", "seed", "mrr_star"])
-
-
 def cells(*values: Sequence[float]) -> pd.Series:
     """Values by size (of each seed)."""
-    places = [(1, size, seed) for seed, of in enumerate(values) for size in range(len(of))]
+    places = [(size, seed) for seed, of in enumerate(values) for size in range(len(of))]
     index = pd.MultiIndex.from_tuples(places, names=CELL)
     return pd.Series([value for of in values for value in of], index, dtype=float)
 
@@ -77,60 +71,29 @@ def test_convergence_has_means_medians_and_shares() -> None:
     expected = {
         "mean": 39,
         "mean low": 39 - 37.5 * T2,
-        "median": 2.5,
-        "std": np.std([1, 2, 3, 150], ddof=1),
-        "unconverged %": 25,
-        "unconverged % high": 25 + 25 * T2,
+        "deviation": np.std([1, 2, 3, 150], ddof=1),
+        "runs that end: mean": 2,
+        "runs that end: deviation": 1,
+        "do not end": 1,
+        "runs": 4,
     }
     assert found[list(expected)].to_dict() == pytest.approx(expected)
 
 
-# Ratios
+# Statistics of sets
 
 
-def test_improvement_is_the_ratio_of_means_at_each_size_averaged_over_sizes() -> None:
-    values = [("xavier", 1, 0, 0.2), ("xavier", 1, 1, 0.6), ("xavier", 2, 0, 0.5)]
-    values += [("es", 1, 0, 0.6), ("es", 1, 1, 0.6), ("es", 2, 0, 0.5)]
-    rows = runs([(model, "all", size, seed, value) for model, size, seed, value in values])
-    found = improvements(rows, "all")
-    # size 1: 0.6 / 0.4 = 1.5; size 2: 0.5 / 0.5 = 1; the ratio of all means is another
-    expected = [25, 25 - 37.5 * T2, 25 + 37.5 * T2]
-    assert found.loc["es"].tolist() == pytest.approx(expected)
-    assert found.loc["xavier"].tolist() == pytest.approx([0, 0, 0])
-    assert improvements(rows[rows["model"] == "es"], "all").empty
+@given(st.lists(st.floats(0, 1), min_size=2, max_size=8))
+def test_the_jackknife_of_a_mean_is_students_interval(values: list[float]) -> None:
+    found = jackknife(means_without_each(pd.DataFrame({"x": values}))[:, 0])
+    assert found == pytest.approx(estimate(of_seeds(*([value] for value in values))), abs=1e-9)
 
 
-@given(st.lists(st.floats(0.1, 1), min_size=2, max_size=8), st.floats(0.5, 2))
-def test_a_ratio_varies_as_its_seeds_do(values: list[float], factor: float) -> None:
-    frame, one = pd.DataFrame({"x": values}), pd.DataFrame({"x": [1.0] * len(values)})
-    gain = 100 * (factor - 1)
-    assert relative(factor * frame, frame) == pytest.approx([gain] * 3, abs=1e-6)
-    alone = of_seeds(*([value] for value in values))
-    expected = np.array(estimate(alone, 100)) - 100
-    assert relative(frame, one) == pytest.approx(expected, abs=1e-6)
-    below = relative(frame, one, -1)
-    assert below == pytest.approx((-expected[0], -expected[2], -expected[1]), abs=1e-6)
-
-
-def test_the_drop_is_how_far_earlier_knowledge_is_below_the_joint_model() -> None:
-    values = {
-        "xavier": {"known": (0.5, 0.4)},
-        "es": {"known": (0.7, 0.8)},
-        "rs": {"known": (0.35, 0.4)},
-        "joint": {"known": (0.7, 0.8)},
-    }
-    rows = runs(
-        [
-            (model, scope, 10, seed, value)
-            for model, scopes in values.items()
-            for scope, of in scopes.items()
-            for seed, value in enumerate(of)
-        ]
-    )
-    found = drops(rows)
-    assert found["drop"].to_dict() == pytest.approx({"es": 0, "rs": 50, "xavier": 40})
-    assert found.loc["rs"].tolist() == pytest.approx([50, 50, 50])
-    assert drops(rows[rows["model"] != "joint"]).empty
+def test_without_each_seed_its_nulls_are_left_out_of_means() -> None:
+    cells = pd.DataFrame({"a": [1.0, NAN, 3.0], "b": [NAN, 2.0, NAN]})
+    found = means_without_each(cells).tolist()
+    expected = [[2, 2], [3, 2], [2, NAN], [1, 2]]
+    assert found == [pytest.approx(row, nan_ok=True) for row in expected]
 
 
 # Differences

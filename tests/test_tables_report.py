@@ -2,19 +2,23 @@
 
 import types
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
+import yaml
 from matplotlib.colors import to_rgb
 
 from isi.report import charts
-from isi.report.tables import method, paper, results
+from isi.report.tables import headlines, method, paper, results
 from isi.report.tables.data import Experiment, Models
-from isi.report.tables.estimates import HALVES
+from isi.report.tables.estimates import MEASURES
+from isi.report.tables.statistics import ISI, Statistics, best_indicators
 
 NAN = float("nan")
+ROOT = Path(__file__).parent.parent
 
 
 class SimpleNamespace(types.SimpleNamespace):
@@ -43,14 +47,14 @@ ENTITIES = pd.DataFrame(
     ],
     columns=["entity", "kind", "source"],
 )
-#: A model, a scope, a seed, an epoch and MRR*.
+#: A model, a scope, a seed, an epoch and MRR.
 Row = tuple[str, str, int, int, float]
 
 
-def runs(rows: Sequence[Row]) -> pd.DataFrame:
-    frame = pd.DataFrame(rows, columns=["model", "scope", "seed", "epoch", "mrr_star"])
-    halves = {"mrr_star_entity": frame["mrr_star"], "mrr_star_relation": frame["mrr_star"]}
-    return frame.assign(size=5, session=1, queries=4, **halves)
+def runs(rows: Sequence[Row], size: int = 5) -> pd.DataFrame:
+    frame = pd.DataFrame(rows, columns=["model", "scope", "seed", "epoch", "mrr"])
+    others = dict.fromkeys(list(MEASURES)[1:], frame["mrr"])
+    return frame.assign(size=size, queries=4, **others)
 
 
 def home(rows: pd.DataFrame, **cached: Any) -> Experiment:
@@ -62,23 +66,27 @@ def home(rows: pd.DataFrame, **cached: Any) -> Experiment:
         "max_epochs": 9,
         "queries": cached.pop("queries", None),
     }
-    made = Experiment("home", "the home", MODELS, names, rows, finetuned=names, **sides)
+    finetuned = cached.pop("finetuned", names)
+    made = Experiment("home", "the home", MODELS, names, rows, finetuned=finetuned, **sides)
     made.__dict__.update(cached)
     return made
 
 
 def of(*experiments: Any, **more: Any) -> Any:
-    """Results with these experiments."""
-    return SimpleNamespace(
-        experiments=experiments, standalone=experiments, extended=experiments, models=MODELS, **more
-    )
+    """Results with these experiments, the first on the paper's graph."""
+    first = experiments[0]
+    made = {"standalone": experiments, "extended": experiments, "models": MODELS} | more
+
+    def on(papers: bool, extended: bool = False) -> Any:
+        return first if papers and not extended else None
+
+    return SimpleNamespace(experiments=experiments, on=on, **made)
 
 
-def frame(made: Any, name: str = "") -> pd.DataFrame:
-    """A frame that a table's function made, or the one of this name."""
-    found = made[name] if name else made
-    assert isinstance(found, pd.DataFrame)
-    return found
+def frame(made: Any) -> pd.DataFrame:
+    """A frame that a table's function made."""
+    assert isinstance(made, pd.DataFrame)
+    return made
 
 
 # Right after insertion
@@ -87,7 +95,7 @@ def frame(made: Any, name: str = "") -> pd.DataFrame:
 def test_rows_follow_the_order_of_models_and_scopes() -> None:
     rows = [(model, scope, 0, 0, 0.5) for model in ("joint", "es", "xavier") for scope in "ab"]
     experiment = home(runs(rows))
-    means = runs(rows).groupby(["scope", "model"])[["mrr_star"]].mean()
+    means = runs(rows).groupby(["scope", "model"])[["mrr"]].mean()
     table = results.in_rows(means, MODELS, experiment.rows, scope=["b", "a"])
     assert table[["scope", "model"]].to_numpy().tolist() == [
         [scope, label] for scope in "ba" for label in ("Xavier", "ES", "Joint")
@@ -95,7 +103,7 @@ def test_rows_follow_the_order_of_models_and_scopes() -> None:
     shown = results.by_label(
         MODELS, ["es", "rs"], {"n": {"rs": 2}, "g": means.loc["a"], "": means.loc["b"]}, "who"
     )
-    assert list(shown) == ["who", "n", "g: mrr_star", "mrr_star"]
+    assert list(shown) == ["who", "n", "g: mrr", "mrr"]
     assert shown["who"].tolist() == ["ES", "RS"]
     assert shown["n"].isna().tolist() == [True, False]
 
@@ -104,7 +112,7 @@ def test_rows_follow_the_order_of_models_and_scopes() -> None:
 def test_one_row_says_what_all_initializers_share(es: float, number: int) -> None:
     values = {"xavier": 0.7, "es": es, "joint": 0.9}
     rows = runs([(name, "known_closed", 0, 0, value) for name, value in values.items()])
-    table = frame(results.scopes(of(home(rows), suffix="")), "scopes")
+    table = frame(results.scopes(of(home(rows))))
     assert len(table) == number
     assert table["model"].iloc[-1] == "Joint"
 
@@ -152,15 +160,16 @@ QUERIES = pd.DataFrame(
             ("relation", "given", 3, 0.98),
         )
     ],
-    columns=["model", "seed", "hidden", "novel", "queries", "mrr_star"],
-).assign(scope="novel", filter="learned", relation="on", size=5, observations=1)
+    columns=["model", "seed", "hidden", "novel", "queries", "mrr"],
+).assign(scope="novel", relation="on", size=5, observations=1)
 
 
 def test_each_direction_has_the_queries_of_entities_with_it() -> None:
-    rows = runs([(model, "all", 0, 0, 0.5) for model in ("xavier", "es", "joint")])
-    other = QUERIES.assign(filter="true", mrr_star=0.0)
+    now = {"xavier": 0.5, "es": 0.6, "joint": 0.9}
+    rows = runs([(model, "novel", 0, 0, value) for model, value in now.items()])
+    other = QUERIES.assign(scope="held_out", mrr=0.0)
     experiment = home(rows, queries=pd.concat([QUERIES, other]))
-    table = frame(results.directions(of(experiment)), "directions").set_index("model")
+    table = frame(results.directions(of(experiment))).set_index("model")
     assert table["novel entity given"].to_dict() == pytest.approx(
         {"Xavier": 12.5, "ES": 52.5, "Joint": 92.5}
     )
@@ -189,17 +198,14 @@ EARLIER = runs(
 
 
 def test_earlier_knowledge_is_compared_with_before_and_with_nothing_inserted() -> None:
-    changed = results.since_before(EARLIER).groupby(["model", "scope", "epoch"])["mrr_star"].mean()
+    changed = results.since_before(EARLIER).groupby(["model", "scope", "epoch"])["mrr"].mean()
     # of seeds that had 0.7 and 0.8
     assert changed["es", "known"].tolist() == pytest.approx([-0.2, 0.05])
     assert changed["finetune_only", "known_closed"].tolist() == pytest.approx([0, 0.05])
     assert changed["joint", "known"].tolist() == pytest.approx([0.15])
     experiment = home(EARLIER, curves=EARLIER)
-    table = frame(results.forgetting(of(experiment)), "forgetting").set_index(["model", "scope"])
-    values = table[["lowest MRR*", "immediately: MRR*", "at the end: MRR*"]]
-    assert values.loc["ES", "known"].tolist() == pytest.approx([55, 55, 80])
-    lines = frame(results.curves(of(experiment)), "curves").set_index(["model", "scope", "epoch"])
-    assert lines.loc[("ES", "known", 1), ["MRR*", "change"]].tolist() == pytest.approx([80, 5])
+    lines = frame(results.curves(of(experiment))).set_index(["model", "scope", "epoch"])
+    assert lines.loc[("ES", "known", 1), ["MRR", "change"]].tolist() == pytest.approx([80, 5])
 
 
 # Table 3
@@ -217,6 +223,8 @@ def answers(orders: Mapping[tuple[str, int], Sequence[int]], afforded: Mapping[s
     )
     triples = pd.DataFrame({"relation": ["hasAffordance", "in"], "tail": ["open", "kitchen"]})
     experiment = SimpleNamespace(
+        name="home",
+        title="the home",
         analysis=lambda _: ranks,
         entities=ENTITIES,
         triples=triples,
@@ -225,7 +233,7 @@ def answers(orders: Mapping[tuple[str, int], Sequence[int]], afforded: Mapping[s
         initializers=["es", "rs"],
         methods=["es"],
     )
-    params = SimpleNamespace(relation="hasAffordance", entities=["fan"])
+    params = SimpleNamespace(relation="hasAffordance", entities={"home": ["fan"]})
     theirs = {"affordances": {"answers": {"ES": {"stove": ["× shelf", "open"]}}}}
     return of(
         experiment,
@@ -249,7 +257,8 @@ def test_answers_go_by_mean_rank_and_those_of_another_kind_are_marked(
     afforded: Mapping[str, Any], marked: str
 ) -> None:
     made = answers(ORDERS, afforded)
-    found = results.answers_of(made)
+    found = results.answers_of(made, made.experiments[0])
+    assert found
     # means: open 1.5, push 2, shelf 3, kitchen 4.5; the fan is of the other source and no answer
     kinds = {"open": "affordance", "push": "affordance", "shelf": "object", "kitchen": "room"}
     assert found.top("es", "fan") == list(kinds.items())
@@ -263,25 +272,169 @@ def test_answers_go_by_mean_rank_and_those_of_another_kind_are_marked(
 # The paper's numbers
 
 
+def statistics(values: Mapping[str, Mapping[str, Sequence[float]]], **epochs: Any) -> Statistics:
+    """Values by model and scope for each seed of size 5; ``epochs``: by model for each seed."""
+    immediate = pd.DataFrame(
+        [
+            (model, scope, 5, seed, value)
+            for model, of_model in values.items()
+            for scope, of_scope in of_model.items()
+            for seed, value in enumerate(of_scope)
+        ],
+        columns=["model", "scope", "size", "seed", "value"],
+    )
+    rows = [
+        (model, 5, seed, value) for model, of in epochs.items() for seed, value in enumerate(of)
+    ]
+    return Statistics(immediate, pd.DataFrame(rows, columns=["model", "size", "seed", "epochs"]))
+
+
+#: 97.5 % quantile of Student's t for two seeds.
+T2 = 12.7062047
+
+
+def test_gains_are_of_the_means_over_sizes_and_of_each_size() -> None:
+    rows = [
+        ("xavier", 1, 0, 50.0), ("xavier", 1, 1, 50.0), ("xavier", 2, 0, 25.0),
+        ("xavier", 2, 1, 25.0), ("es", 1, 0, 50.0), ("es", 1, 1, 50.0), ("es", 2, 0, 50.0),
+        ("es", 2, 1, 100.0),
+    ]  # fmt: skip
+    immediate = pd.DataFrame(rows, columns=["model", "size", "seed", "value"])
+    found = Statistics(immediate.assign(scope="weighted"), pd.DataFrame())
+    # means over seeds: 50 and 25 against 50 and 75
+    gain, low, high = found.gain("es")
+    assert gain == pytest.approx(100 * (125 / 75 - 1))
+    # without the one seed 150 / 75, without the other 100 / 75
+    around = T2 * (2 - 4 / 3) / 2 * 100
+    assert [low, high] == pytest.approx([gain - around, gain + around])
+    assert found.gain_by_size("es")[0] == pytest.approx(100 * (0 + 2) / 2)
+    assert np.isnan(found.gain("rs")[0])
+
+
+def test_a_set_without_a_value_is_left_out_of_its_mean() -> None:
+    found = statistics({"es": {"weighted": [40.0, NAN, 60.0]}})
+    assert found.weighted("es")[0] == pytest.approx(50)
+
+
+def test_the_drop_is_below_the_mean_of_the_other_four() -> None:
+    values = {"xavier": 40.0, "iu": 60.0, "es": 80.0, "rs": 100.0, "ers": 80.0}
+    found = statistics({name: {"known": [value] * 2} for name, value in values.items()})
+    assert found.drop("xavier") == pytest.approx((50, 50, 50))
+    both = statistics({"es": {"known": [80.0, 80.0], "novel": [40.0, 40.0]}})
+    assert both.by_papers_share("es")[0] == pytest.approx(70)
+
+
+def test_epochs_have_means_deviations_and_are_fewer_than_xaviers() -> None:
+    found = statistics({}, xavier=[100, 140], es=[30, 42], rs=[60, 60], ers=[0, 24])
+    assert found.mean_epochs("xavier") == pytest.approx(
+        (120, 120 - T2 * 20, 120 + T2 * 20), rel=1e-5
+    )
+    assert found.deviation("xavier")[0] == pytest.approx(np.std([100, 140], ddof=1))
+    assert found.fewer_epochs("es")[0] == pytest.approx(70)
+    assert found.fewer_epochs(ISI)[0] == pytest.approx((70 + 50 + 90) / 3)
+
+
+def test_the_best_number_of_indicators_has_an_interval_of_numbers_that_were_run() -> None:
+    rows = [(k, seed, value) for seed in range(30) for k, value in ((1, 50), (4, 60), (9, 55))]
+    sweep = pd.DataFrame(rows, columns=["k", "seed", "value"])
+    assert best_indicators(sweep) == (4, 4, 4)
+    noise = np.where(sweep["k"] == 9, 10.5 * (sweep["seed"] % 2), 0)
+    best, low, high = best_indicators(sweep.assign(value=sweep["value"] + noise))
+    assert (best, low, high) == (9, 4, 9)
+
+
 @pytest.mark.parametrize(
     ("theirs", "ours", "found"),
     [
-        (10, 11, "agrees"),
-        (10, 9, "agrees"),
-        (10, 11.1, "larger"),
-        (10, 8.9, "smaller"),
-        (0, 0, "agrees"),
-        (0, 1, "larger"),
-        (-10, -10.5, "agrees"),
-        (-10, -20, "smaller"),
-        (NAN, 1, ""),
-        (1, NAN, ""),
+        (41.4, (42.5, 40.6, 44.9), "yes"),
+        (37.6, (40.3, 38.3, 42.3), "no"),
+        (38.2, (40.3, 38.24, 42.3), "yes"),  # 38.24 would be printed as 38.2
+        (0, (0, 0, 0), "yes"),
+        (1, (0, NAN, NAN), ""),
     ],
 )
-def test_a_number_agrees_within_a_tenth_of_the_papers(
-    theirs: float, ours: float, found: str
+def test_a_result_is_inside_to_the_digit_that_is_printed(
+    theirs: float, ours: tuple[float, float, float], found: str
 ) -> None:
-    assert paper.comparison(theirs, ours) == found
+    assert paper.inside(theirs, ours) == found
+
+
+PRINTED = {
+    "immediate": {"improvement_over_xavier": {"es": 41.4}},
+    "convergence": {
+        "epochs": {"xavier": {"mean": 100.0, "deviation": 40.0}},
+        "fewer_epochs_than_xavier": {"es": 85.3, "mean": 78.2},
+    },
+    "indicators_degrade_after": 4,
+    "transfer": {
+        "all_queries": {"xavier": 50.6},
+        "novel_queries": {"es": 85.7},
+        "drop": {"xavier": 37.0},
+        "epochs": {"xavier": 90.0},
+    },
+}
+
+
+def test_each_result_of_the_paper_has_a_row_and_what_is_outside_is_listed() -> None:
+    values = {"xavier": 0.4, "iu": 0.5, "es": 0.6, "rs": 0.5, "ers": 0.5, "joint": 0.9}
+    rows = runs(
+        [
+            (name, scope, seed, epoch, value + seed / 100 + (epoch > 2) * 0.5)
+            for name, value in values.items()
+            for scope in ("known", "novel", "weighted")
+            for seed in (0, 1)
+            for epoch in (range(5) if name != "joint" else [0])
+        ]
+    )
+    labels = Models({**LABELS, "iu": "IU", "ers": "ERS"}, MODELS.roles)
+    experiment = home(rows, finetuned=["xavier", "es"])
+    params = SimpleNamespace(sweep=SimpleNamespace(initializers={}))
+    made = of(experiment, params=params, paper=PRINTED, models=labels)
+    experiment.__dict__.update(swept=lambda *_: None)
+    table = frame(paper.paper_results(made)).set_index(["kind", "whose"])
+    assert len(table) == 1 + 1 + 1 + 2 + 3 + 1 + 1 + 1 + 1
+    gain = table.loc["gain over Xavier (%)", "ES"]
+    assert gain[["paper", "ours"]].tolist() == pytest.approx([41.4, 100 * (0.605 / 0.405 - 1)])
+    assert table.loc[("epochs to convergence", "Xavier"), ["ours", "inside"]].tolist() == [3, "no"]
+    assert table["today's graph"].isna().all()
+    counts = frame(paper.inside_by_kind(made)).set_index("results")
+    listed = frame(paper.unexplained(made))
+    assert counts.loc["all", "number"] == len(table)
+    assert len(listed) == (table["inside"] == "no").sum()
+    apart = listed.set_index(["kind", "whose"]).loc[("epochs to convergence", "Xavier")]
+    assert apart[["ours minus the paper's", "half-widths away"]].tolist() == [-97, 97 / 0.05]
+
+
+def test_the_measure_decides_by_one_change_at_a_time() -> None:
+    values = {"xavier": 0.4, "es": 0.6, "rs": 0.5, "ers": 0.8, "joint": 0.9}
+    known = runs(
+        [
+            (name, scope, seed, epoch, value + epoch / 10)
+            for name, value in values.items()
+            for scope in ("known", "novel", "weighted")
+            for seed in (0, 1)
+            for epoch in (range(6) if name != "joint" else [0])
+        ]
+    )
+    rows = known.rename(columns={"mrr": "value"})[
+        ["model", "size", "seed", "epoch", "scope", "value"]
+    ]
+    one = rows[rows["scope"] == "weighted"]
+    changes = pd.concat(
+        [
+            rows.assign(change="none"),
+            rows.assign(change="counts", value=rows["value"] / 2),
+            one.assign(change="one_group"),
+        ]
+    )
+    experiment = home(known, changes=changes, finetuned=["xavier", "es", "rs", "ers"])
+    # 0.9 less the margin of 0.08
+    assert paper.changed(experiment, "none").mean_epochs("xavier")[0] == 5
+    assert paper.changed(experiment, "one_group").mean_epochs("es")[0] == 3
+    assert paper.changed(experiment, "none").gain("ers")[0] == pytest.approx(100)
+    assert paper.changed(experiment, "counts").gain("ers")[0] == pytest.approx(100)
+    # half of everything, and the whole margin: 0.45 less 0.08
+    assert paper.changed(experiment, "counts").mean_epochs("xavier")[0] == 4
 
 
 # Graphs and choices
@@ -311,9 +464,9 @@ SETTINGS = [CHOICE, CHOICE | {"rate": 0.2}, CHOICE | {"dimension": 40}]
 
 
 def folds(*values: Sequence[float]) -> pd.DataFrame:
-    """MRR* of each setting by fold."""
+    """The measure of each setting by fold."""
     rows = [
-        setting | dict.fromkeys(HALVES, value) | {"epoch": 20}
+        setting | dict.fromkeys(MEASURES, value) | {"epoch": 20}
         for setting, of_setting in zip(SETTINGS, values, strict=True)
         for value in of_setting
     ]
@@ -335,19 +488,26 @@ def test_cross_validation_marks_the_choices_and_gives_the_spread_over_folds(
     )
     ours, other, _ = frame(method.cross_validation(made)).to_dict("records")
     assert (ours["choice of"], other["choice of"]) == ("this run", "paper")
-    assert [ours["MRR*"], ours["std"]] == pytest.approx([55, 100 * 0.3 / 2**0.5])
+    assert [ours["MRR"], ours["std"]] == pytest.approx([55, 100 * 0.3 / 2**0.5])
     assert other["from the choice"] == pytest.approx(lead)
     # the folds of the choice deviate by 21 points
     column = "beyond the folds' deviation"
     assert (ours[column], other[column]) == ("", beyond)
 
 
-def test_the_rule_picks_from_what_is_about_novel_entities() -> None:
-    index = pd.MultiIndex.from_product([["es", "rs"], [1, 2, 3, 4, 5]], names=["model", "k"])
-    values = {"novel: MRR*": [60, 62, 62, 55, 70], "novel_heldout: epochs": [30, 20, 10, 5, 0]}
-    means = pd.DataFrame({name: 2 * value for name, value in values.items()}, index)
-    # epochs decrease throughout; MRR* at size 4 is 7 points below the best smaller size
-    assert method.picked_sizes(means) == {"es": 3, "rs": 3}
+def test_the_rule_grows_the_set_while_epochs_fall_and_little_is_lost() -> None:
+    # epochs decrease throughout; MRR at size 4 is 7 points below the best smaller size
+    values, epochs = [0.6, 0.62, 0.62, 0.55, 0.7], [60, 40, 20, 10, 0]
+    assert method.select_size([1, 2, 3, 4, 5], values, epochs) == 3
+
+
+def test_the_plots_of_dvc_are_written_whichever_experiments_there_are() -> None:
+    listed = yaml.safe_load((ROOT / "dvc.yaml").read_text("utf-8"))["plots"]
+    named = [Path(file).stem for each in listed for plot in each.values() for file in plot["y"]]
+    assert set(named) == set(headlines.PLOTS)
+    params = SimpleNamespace(initializers={"es": {}})
+    made = headlines.plots(SimpleNamespace(params=params, experiments=[], standalone=[]))
+    assert list(made["immediate_novel_paper"]) == ["size", "es"]
 
 
 # Figures

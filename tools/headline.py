@@ -13,17 +13,17 @@ import numpy as np
 import pandas as pd
 from tabulate import tabulate  # type: ignore[import-untyped]
 
+from isi.config import value_of
 from tools.committed import ROOT, against_commit
 
-#: The section and the scope of each column in ``metrics.json``, by the two lines of its title.
+#: The keys of each column in ``metrics.json``, by the two lines of its title.
 COLUMNS = {
-    "immediate MRR*\nall": ("immediate_mrr_star", "all"),
-    "immediate MRR*\nnovel": ("immediate_mrr_star", "novel"),
-    "gain %\nall": ("improvement_over_xavier_percent", "all"),
-    "epochs\nall": ("epochs_to_convergence", "all"),
-    "never %\nall": ("unconverged_percent", "all"),
-    "epochs\nheld-out": ("epochs_to_convergence", "novel_heldout"),
-    "never %\nheld-out": ("unconverged_percent", "novel_heldout"),
+    "MRR\nweighted": "immediate_mrr.weighted",
+    "MRR\nknown": "immediate_mrr.known",
+    "MRR\nnovel": "immediate_mrr.novel",
+    "gain\n%": "gain_over_xavier_percent",
+    "epochs\nmean": "epochs_to_convergence",
+    "runs that\ndo not end": "runs_without_convergence",
 }
 #: In the folder of a pipeline: the metrics of its last two runs that differ.
 KEPT = Path(".dvc/tmp/metrics.json")
@@ -46,10 +46,10 @@ def changes(metrics: Mapping[str, Any], before: Mapping[str, Any]) -> str:
 def _numbers(metrics: Mapping[str, Any]) -> pd.DataFrame:
     """Rows by model, columns as in ``COLUMNS``."""
     columns = {
-        title: pd.Series(metrics.get(section, {}).get(scope, {}), dtype=float)
-        for title, (section, scope) in COLUMNS.items()
+        title: pd.Series(value_of(metrics, key) or {}, dtype=float)
+        for title, key in COLUMNS.items()
     }
-    of_scopes = metrics["immediate_mrr_star"].values()
+    of_scopes = metrics["immediate_mrr"].values()
     models = dict.fromkeys(model for scope in of_scopes for model in scope)
     return pd.DataFrame(columns, list(models))
 
@@ -76,15 +76,12 @@ def last(path: Path, metrics: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def parts(metrics: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
-    """The numbers of each experiment by its name; empty for the first one."""
-    others = {name: value for name, value in metrics.items() if "immediate_mrr_star" in value}
-    return {"": metrics, **others} if metrics else {}
+    """The numbers of each experiment by its name."""
+    return {name: value for name, value in metrics.items() if "immediate_mrr" in value}
 
 
 def main(folder: Path) -> None:
-    """Print the numbers of the first experiment, then those of each other experiment,
-    and how they changed.
-    """
+    """Print the numbers of each experiment, and how they changed."""
     path = folder / "metrics.json"
     try:
         metrics = json.loads(path.read_text(encoding="utf-8"))
@@ -96,7 +93,7 @@ def main(folder: Path) -> None:
         )
     before = last(folder.parent / KEPT, metrics) if (folder.parent / ".dvc").exists() else {}
     for title, part in parts(metrics).items():
-        print(f"\n{title}\n{headline(part)}".replace("\n\n", "\n"))
+        print(f"\n{title}\n{headline(part)}")
         if differences := title in parts(before) and changes(part, parts(before)[title]):
             print(f"Change since the previous run:\n{differences}")
     print(f"\nThe report: {folder / 'index.html'}")

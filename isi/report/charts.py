@@ -118,7 +118,7 @@ def lines(
     y: str,
     title: str,
     *,
-    ylabel: str = "MRR* (points)",
+    ylabel: str = "MRR (points)",
     level: tuple[str, float] | None = None,
 ) -> Panel:
     """A line for each model or initializer, with an interval for those of ``BANDED``;
@@ -273,34 +273,9 @@ def _key(made: Panel, names: Sequence[str]) -> None:
         x += 24 + 6.6 * len(name)
 
 
-def scatter(
-    frame: pd.DataFrame,
-    x: str,
-    y: str,
-    name: str,
-    title: str,
-    *,
-    xlabel: str,
-    ylabel: str,
-) -> Panel:
-    """A point for each row, with the colour and mark of its name."""
-    made = panel(title, xlabel, ylabel, height=340)
-    axes, names = made.axes, list(dict.fromkeys(frame[name]))
-    axes.grid(visible=True, color=LINE, lw=1)
-    ends = list[tuple[float, str]]()
-    for values in frame.dropna(subset=[x, y]).to_dict("records"):
-        each, place = str(values[name]), (float(values[x]), float(values[y]))
-        axes.plot(*place, **style_of(each, names) | {"ls": ""}, ms=8)
-        made.add(*place, each, f"{place[0]:.1f}, {place[1]:.1f}")
-        ends.append((place[1], each))
-    axes.margins(0.06, 0.08)
-    _name_ends(made, ends, names)
-    return made
-
-
 def bars(frame: pd.DataFrame, title: str) -> Panel:
     """Bars from ``start`` to ``end`` below each other, and a mark where both are equal."""
-    made = panel(title, "MRR* (points)", height=104 + 24 * len(frame), left=120, right=50)
+    made = panel(title, "MRR (points)", height=104 + 24 * len(frame), left=120, right=50)
     made.by, axes = "y", made.axes
     axes.grid(visible=False)
     for place, row in enumerate(frame.to_dict("records")):

@@ -1,119 +1,104 @@
 """What each figure shows: a function from the table of a figure to its panels."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import pandas as pd
 
-from isi.report.charts import Panel, bars, dots, lines, places, scatter
+from isi.evaluation.query_sets import SCOPES
+from isi.report.charts import Panel, bars, dots, lines, places
 
-#: Titles of scopes.
-SCOPES = {
-    "all": "All queries",
-    "novel": "Novel entities",
-    "novel_heldout": "Novel entities, held-out triples",
-    "given": "Novel entity given",
-    "known": "Earlier knowledge",
-    "known_closed": "Earlier knowledge, known candidates",
-}
-#: Initializers that lines and points name; others are in the tables.
+#: Initializers that lines name; others are in the tables.
 MAIN = ["Xavier", "IU", "ES", "RS", "ERS", "Mean", "MAP", "Joint"]
 
 
+def titled(graph: Any, about: str) -> str:
+    """The title of a panel of one graph."""
+    name = str(graph)
+    return f"{name[:1].upper()}{name[1:]}: {about}"
+
+
+def by_graph(frame: pd.DataFrame) -> Iterator[tuple[Any, pd.DataFrame]]:
+    """The rows of each graph, in order."""
+    yield from frame.groupby("graph", sort=False)
+
+
 def answer(frame: pd.DataFrame) -> list[Panel]:
-    """The parts of the gain, over all queries and about novel entities."""
-    return [bars(rows, SCOPES[str(scope)]) for scope, rows in frame.groupby("scope", sort=False)]
+    """The parts of the gain on each graph, in both groups together and about novel entities."""
+    groups = frame.groupby(["scope", "graph"], sort=False)
+    ordered = sorted(groups, key=_scope_first)
+    return [bars(rows, titled(graph, SCOPES[scope])) for (scope, graph), rows in ordered]
+
+
+def _scope_first(group: tuple[Any, Any]) -> int:
+    (scope, _), _ = group
+    return list(SCOPES).index(scope)
 
 
 def figure3a(frame: pd.DataFrame) -> list[Panel]:
-    """MRR* by number of novel entities: over all queries and about them; then entity prediction."""
+    """The measure by number of novel entities, on each graph: weighted, then by group."""
     shown = frame[frame["model"].isin(MAIN)]
-    titles = {"MRR*": "MRR*", "entity half": "entity prediction"}
-    return [
-        lines(shown[shown["scope"] == scope], "size", measure, f"{SCOPES[scope]}: {title}")
-        for measure, title in titles.items()
-        for scope in ("all", "novel")
-    ]
+    made = list[Panel]()
+    for scope in ("weighted", "novel", "known"):
+        for graph, rows in by_graph(shown[shown["scope"] == scope]):
+            made.append(lines(rows, "size", "MRR", titled(graph, SCOPES[scope])))
+    return made
 
 
 def directions(frame: pd.DataFrame) -> list[Panel]:
-    """Entity MRR* with the novel entity as the question, and as the answer."""
-    ordered = frame.sort_values("novel entity given", ascending=False)
-    titles = {
-        "novel entity given": "The novel entity is given",
-        "novel entity is the answer": "The novel entity is the answer",
-    }
-    xlabel = "entity MRR* (points), 95 % interval"
-    return [
-        dots(ordered, "model", {title: column}, title, xlabel=xlabel)
-        for column, title in titles.items()
-    ]
-
-
-def gain_and_cost(frame: pd.DataFrame) -> list[Panel]:
-    """What is answered about novel entities against what earlier knowledge loses."""
-    shown = frame[frame["initializer"].isin([*MAIN, "Kind mean", "Soft hybrid"])]
-    return [
-        scatter(
-            shown,
-            "earlier knowledge loses",
-            "MRR* about novel entities",
-            "initializer",
-            "Gain and cost",
-            xlabel="earlier knowledge loses (points of MRR*)",
-            ylabel="MRR* about novel entities (points)",
-        )
-    ]
-
-
-def _curves(
-    frame: pd.DataFrame, scopes: Mapping[str, str], y: str, with_margin: bool = False
-) -> list[Panel]:
-    shown = frame[frame["model"].isin([*MAIN, "Nothing inserted"])]
+    """Entity prediction with the novel entity as the question, and as the answer."""
     made = list[Panel]()
-    for scope, title in scopes.items():
-        rows = shown[shown["scope"] == scope].dropna(subset=y)
-        joint = rows[rows["model"] == "Joint"]
-        level = ("margin", (joint[y] - joint["margin"]).mean()) if with_margin else None
-        drawn = rows[rows["model"] != "Joint"]
-        ylabel = "MRR* (points)" if y == "MRR*" else "change of MRR* (points)"
-        made.append(lines(drawn, "epoch", y, title, ylabel=ylabel, level=level))
+    for column in ("novel entity given", "novel entity is the answer"):
+        for graph, rows in by_graph(frame):
+            ordered = rows.sort_values("novel entity given", ascending=False)
+            xlabel = "entity prediction, MRR (points)"
+            made.append(
+                dots(ordered, "model", {column: column}, titled(graph, column), xlabel=xlabel)
+            )
+    return made
+
+
+def _curves(frame: pd.DataFrame, scopes: Sequence[str], y: str) -> list[Panel]:
+    """Panels by epoch for each scope and graph; dotted: the joint model, in MRR."""
+    shown, made = frame[frame["model"].isin([*MAIN, "Nothing inserted"])], list[Panel]()
+    for scope in scopes:
+        for graph, rows in by_graph(shown[shown["scope"] == scope].dropna(subset=y)):
+            joint, drawn = rows[rows["model"] == "Joint"], rows[rows["model"] != "Joint"]
+            level = ("Joint", float(joint[y].mean())) if y == "MRR" else None
+            ylabel = "MRR (points)" if y == "MRR" else "change of MRR (points)"
+            title = titled(graph, SCOPES[scope])
+            made.append(lines(drawn, "epoch", y, title, ylabel=ylabel, level=level))
     return made
 
 
 def figure3b(frame: pd.DataFrame) -> list[Panel]:
-    """Learning curves: all queries, and held-out queries about novel entities."""
-    scopes = {scope: SCOPES[scope] for scope in ("all", "novel_heldout")}
-    return _curves(frame, scopes, "MRR*", with_margin=True)
+    """Learning curves: both groups together, then about novel entities."""
+    return _curves(frame, ("weighted", "novel"), "MRR")
 
 
 def forgetting(frame: pd.DataFrame) -> list[Panel]:
     """The change of earlier knowledge since before the insertion."""
-    scopes = {scope: SCOPES[scope] for scope in ("known", "known_closed")}
-    return _curves(frame, scopes, "change")
+    return _curves(frame, ("known", "known_closed"), "change")
 
 
 def figure4(frame: pd.DataFrame) -> list[Panel]:
-    """Earlier knowledge during the transfer: MRR*, and its change with known candidates alone."""
-    first = _curves(frame, {"known": SCOPES["known"]}, "MRR*")
-    return first + _curves(frame, {"known_closed": SCOPES["known_closed"]}, "change")
+    """Earlier knowledge during the transfer."""
+    return _curves(frame, ("known",), "MRR")
 
 
 def sensitivity(frame: pd.DataFrame) -> list[Panel]:
-    """Figure 2a: MRR* right after insertion by number of indicators."""
-    return _by_indicators(frame, "MRR*", ("all", "novel"), "MRR* (points)")
+    """Figure 2a: the measure right after insertion by number of indicators."""
+    return [
+        lines(rows, "indicators", "weighted: MRR", titled(graph, SCOPES["weighted"]))
+        for graph, rows in by_graph(frame)
+    ]
 
 
 def sensitivity_of_epochs(frame: pd.DataFrame) -> list[Panel]:
     """Figure 2b: epochs to convergence by number of indicators."""
-    return _by_indicators(frame, "epochs", ("all", "novel_heldout"), "epochs to convergence")
-
-
-def _by_indicators(
-    frame: pd.DataFrame, measure: str, scopes: tuple[str, ...], ylabel: str
-) -> list[Panel]:
     return [
-        lines(frame, "indicators", f"{scope}: {measure}", SCOPES[scope], ylabel=ylabel)
-        for scope in scopes
+        lines(rows, "indicators", "epochs", titled(graph, "epochs"), ylabel="epochs")
+        for graph, rows in by_graph(frame)
     ]
 
 
@@ -131,20 +116,20 @@ def figure1(frame: pd.DataFrame) -> list[Panel]:
 
 
 def paper_results(frame: pd.DataFrame) -> list[Panel]:
-    """The paper's results beside this run's: a panel for each kind."""
-    made = list[Panel]()
-    columns = {"the paper": "paper", "this run": "this run"}
-    for kind, rows in frame.groupby("kind", sort=False):
-        made.append(dots(rows, "whose", columns, str(kind), xlabel="", left=90))
-    return made
+    """The paper's results and ours: a panel for each kind."""
+    columns = {"the paper": "paper", "its graph": "ours", "today's graph": "today's graph"}
+    return [
+        dots(rows, "whose", columns, str(kind), xlabel="", left=90)
+        for kind, rows in frame.groupby("kind", sort=False)
+    ]
 
 
 def by_row(frame: pd.DataFrame, row: str, columns: Mapping[str, str], title: str) -> Panel:
-    """Entity MRR* with the novel entity given: a row for each model or graph, a mark for each of
-    some columns.
+    """Entity prediction with the novel entity given: a row for each model or graph, a mark for each
+    of some columns.
     """
     shown = {name: column for name, column in columns.items() if column in frame}
-    return dots(frame, row, shown, title, xlabel="entity MRR*, novel entity given (points)")
+    return dots(frame, row, shown, title, xlabel="entity MRR, novel entity given (points)")
 
 
 #: Initializers of figures with a row for each graph.
@@ -152,13 +137,13 @@ _FEW = {name: name for name in ("Xavier", "Mean", "ERS", "MAP", "Joint")}
 
 
 def insert_triples(frame: pd.DataFrame) -> list[Panel]:
-    """Entity MRR* by the number of insert triples."""
+    """Entity MRR by the number of insert triples."""
     columns = {name: name for name in ("ES", "ERS", "MAP")}
     return [by_row(frame, "insert triples", columns, "Number of insert triples")]
 
 
 def embeddings(frame: pd.DataFrame) -> list[Panel]:
-    """Entity MRR* by embedding model, a panel for each graph."""
+    """Entity MRR by embedding model, a panel for each graph."""
     return [
         by_row(rows, "embedding", _FEW, str(graph))
         for graph, rows in frame.groupby("graph", sort=False)
@@ -166,12 +151,12 @@ def embeddings(frame: pd.DataFrame) -> list[Panel]:
 
 
 def graphs(frame: pd.DataFrame) -> list[Panel]:
-    """Entity MRR* on every graph."""
+    """Entity MRR on every graph."""
     return [by_row(frame, "graph", _FEW, "Graphs")]
 
 
 def strong(frame: pd.DataFrame) -> list[Panel]:
-    """All initializers, sorted by entity MRR* with the novel entity given."""
+    """All initializers, sorted by entity MRR with the novel entity given."""
     column = "novel entity given"
     ordered = frame.sort_values(column, ascending=False)
     return [by_row(ordered, "model", {"": column}, "Initializers")]

@@ -1,7 +1,7 @@
 """What the tables are made from: the pipeline's outputs, read as they are needed.
 
 One frame has the runs of an experiment, of a variant or of another graph: columns model, size,
-seed, session, epoch, scope, the measures in [0, 1] and the number of queries.
+seed, epoch, scope, the measures in [0, 1] and the number of queries.
 """
 
 from collections.abc import Iterable, Mapping
@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any, Self
 import pandas as pd
 
 from isi import config
-from isi.evaluation.query_sets import epochs_to_convergence
+from isi.evaluation.query_sets import SCOPES, epochs_to_convergence
 from isi.report.tables.estimates import (
+    CELL,
     Names,
     cells_of,
     combined,
@@ -22,6 +23,7 @@ from isi.report.tables.estimates import (
     over_seeds,
     where,
 )
+from isi.report.tables.statistics import Statistics
 from isi.tables import paths
 from isi.tables.io import opening
 from isi.tables.table import as_text
@@ -32,10 +34,12 @@ if TYPE_CHECKING:
 JOINT = "joint"
 #: The model without insertion: Θ⁰, fine-tuned.
 FINETUNE_ONLY = "finetune_only"
-#: The paper's baseline, the reference of all gains.
-BASELINE = "xavier"
-#: Role of the novel entity in a query of scope ``novel``, with its header.
+#: Role of the novel entity in a query of scope ``novel``, with its title.
 DIRECTIONS = {"given": "novel entity given", "answer": "novel entity is the answer"}
+#: Titles of all that is measured right after insertion.
+TITLES = {**SCOPES, **DIRECTIONS}
+#: The source whose graph is the paper's own.
+PAPERS_SOURCE = "published"
 
 
 def read(path: str | Path) -> pd.DataFrame:
@@ -88,6 +92,7 @@ class Runs:
     margin: float
     max_epochs: int
     finetuned: list[str] = field(default_factory=list)
+    finetuned_seeds: int | None = None  #: of the seeds, the first so many; None: all
 
     def of_size(self, size: int | None) -> Self:
         """Only the runs and queries that insert ``size`` entities."""
@@ -109,63 +114,68 @@ class Runs:
         """Runs right after insertion, before any further training."""
         return where(self.runs, epoch=0)
 
-    def converged(self, runs: pd.DataFrame, by: list[str]) -> pd.DataFrame:
-        """``epochs_to_convergence`` of runs, session by session, against the joint models of the
-        same session.
+    def converged(
+        self,
+        runs: pd.DataFrame,
+        by: list[str],
+        seeds: int | None = None,
+        joint: pd.DataFrame | None = None,
+    ) -> pd.DataFrame:
+        """``epochs_to_convergence`` of runs, of the first ``seeds`` alone; ``joint``: the joint
+        models' measures, if they are others.
         """
-        joint, sessions = where(self.runs, model=JOINT), list[pd.DataFrame]()
-        for session in sorted(set(runs["session"])) or [1]:
-            rows = where(runs, session=session)
-            target = where(joint, session=session)
-            epochs = epochs_to_convergence(rows, target, self.margin, self.max_epochs, by)
-            sessions.append(epochs.assign(session=session))
-        return pd.concat(sessions, ignore_index=True)
+        target = where(self.runs, model=JOINT) if joint is None else joint
+        rows = runs if seeds is None else runs[runs["seed"] < seeds]
+        return epochs_to_convergence(rows, target, self.margin, self.max_epochs, by)
 
     @cached_property
     def convergence(self) -> pd.DataFrame:
-        """Epochs to convergence: rows by model, scope, size, seed and session."""
+        """Epochs to convergence: rows by model, size and seed."""
         listed = self.finetuned or self.initializers
-        return self.converged(self.runs[self.runs["model"].isin(listed)], ["model"])
+        return self.converged(where(self.runs, model=listed), ["model"], self.finetuned_seeds)
 
-    def epochs(self, scope: str) -> pd.DataFrame:
+    def epochs(self) -> pd.DataFrame:
         """Mean epochs to convergence, with intervals: rows by model, column ``mean``."""
-        rows = where(self.convergence, scope=scope)
-        return over_seeds(rows, ["model"], {"epochs": "mean"}, scale=1)
+        return over_seeds(self.convergence, ["model"], {"epochs": "mean"}, scale=1)
+
+    def statistics(self, measure: str = "mrr") -> Statistics:
+        """The paper's statistics of these runs, by a measure right after insertion."""
+        now = self.immediate.assign(value=100 * self.immediate[measure])
+        return Statistics(now[["model", "scope", *CELL, "value"]], self.convergence)
 
     @cached_property
     def directed(self) -> pd.DataFrame:
-        """Entity MRR* in [0, 1] about novel entities by direction (in column ``scope``), model,
-        size and seed; empty without a query breakdown.
+        """Entity MRR in [0, 1] about novel entities by direction (in column ``scope``), model, size
+        and seed; empty without a query breakdown.
         """
-        columns = ["scope", "model", "size", "seed", "session", "mrr_star_entity"]
+        columns = ["scope", "model", *CELL, "mrr_entity"]
         if self.queries is None or self.queries.empty:
             return pd.DataFrame(columns=columns)
-        rows = where(self.queries, scope="novel", filter="learned", hidden=["head", "tail"])
+        rows = where(self.queries, scope="novel", hidden=["head", "tail"])
         rows = where(rows, novel=list(DIRECTIONS)).drop(columns="scope")
         rows = rows.rename(columns={"novel": "scope"})
-        measured = combined(rows, ["scope", "model", "size", "seed"])
-        return measured.assign(session=1)[columns]
+        return combined(rows, ["scope", "model", *CELL])[columns]
 
-    def means(self, scope: str, measure: str = "mrr_star") -> pd.DataFrame:
+    def means(self, scope: str, measure: str = "mrr") -> pd.DataFrame:
         """Mean (points) of a measure right after insertion, with its interval: rows by model,
-        column ``mean``. Scope ``given``: entity MRR* with the novel entity given.
+        column ``mean``. Scope ``given``: entity MRR with the novel entity given.
         """
         rows, measure = self._measured(scope, measure)
         means = over_seeds(where(rows, scope=scope), ["model"], {measure: "mean"})
         return means.reindex(self.rows).dropna(subset="mean")
 
-    def by_run(self, scope: str, measure: str = "mrr_star") -> pd.DataFrame:
-        """The same by session, size and seed (rows) and model (columns)."""
+    def by_run(self, scope: str, measure: str = "mrr") -> pd.DataFrame:
+        """The same by size and seed (rows) and model (columns)."""
         rows, measure = self._measured(scope, measure)
         return 100 * cells_of(rows, self.rows, scope, measure)
 
     def _measured(self, scope: str, measure: str) -> tuple[pd.DataFrame, str]:
         if scope in DIRECTIONS:
-            return self.directed, "mrr_star_entity"
+            return self.directed, "mrr_entity"
         return self.immediate, measure
 
     def minus(self, scope: str, first: str, second: str) -> dict[str, float]:
-        """MRR* (points) of ``first`` minus that of ``second``, right after insertion."""
+        """MRR (points) of ``first`` minus that of ``second``, right after insertion."""
         cells = self.by_run(scope)
         return difference(cells[first], cells[second])
 
@@ -175,27 +185,26 @@ class Experiment(Runs):
     """The runs of one experiment of params, with its other tables."""
 
     params: "Params | Any" = None
-    suffix: str = ""  #: of the names of its tables; empty for the first experiment
 
     @classmethod
     def read(cls, params: "Params", models: Models, name: str) -> Self:
         """The tables of an experiment; ``InputError`` where one is missing or broken."""
-        initializers = params.initializers_of(name)
+        own, initializers = params.of(name), params.initializers_of(name)
         settings = params.experiments[name]
-        runs = of_models(f"data/runs/{name}/{{}}.parquet", [*initializers, JOINT])
+        listed = settings.finetuned.initializers
         breakdown = f"data/analyses/query_breakdown/{name}/{{}}.parquet"
         return cls(
             name=name,
             title=settings.title,
             models=models,
             initializers=initializers,
-            runs=runs,
+            runs=of_models(f"data/runs/{name}/{{}}.parquet", [*initializers, JOINT]),
             queries=of_models(breakdown, [*initializers, JOINT]),
-            margin=params.convergence.margin,
-            max_epochs=params.finetuning.max_epochs,
-            finetuned=[each for each in initializers if each not in settings.immediate_only],
+            margin=own.convergence.margin,
+            max_epochs=own.finetuning.max_epochs,
+            finetuned=[each for each in initializers if listed == "all" or each in listed],
+            finetuned_seeds=settings.finetuned.seeds,
             params=params,
-            suffix="" if name == next(iter(params.experiments)) else f"_{name}",
         )
 
     @property
@@ -217,9 +226,14 @@ class Experiment(Runs):
 
     def swept(self, section: str, folder: str, names: Names) -> pd.DataFrame | None:
         """The same for an analysis with a file for each initializer."""
-        if self.name not in self.params.studies[section].experiments[:1]:
+        if self.name not in self.params.studies[section].experiments:
             return None
         return of_models(f"data/analyses/{folder}/{self.name}/{{}}.parquet", names)
+
+    @cached_property
+    def changes(self) -> pd.DataFrame | None:
+        """The measure with one part changed at a time; None where it was not run."""
+        return self.swept("measure_changes", "measure", self.rows)
 
     @cached_property
     def entities(self) -> pd.DataFrame:
@@ -233,21 +247,20 @@ class Experiment(Runs):
 
     @property
     def curve_size(self) -> int | None:
-        """The first size of ``full_curves`` that was run; None if none was."""
-        sizes = self.settings.sessions.sizes
-        return next((size for size in self.settings.full_curves.sizes if size in sizes), None)
+        """The first size that is fine-tuned for all epochs; None if none is."""
+        return next(iter(self.settings.full_curves), None)
 
     @cached_property
     def curves(self) -> pd.DataFrame:
-        """Runs at ``curve_size`` of the initializers with full curves, of the joint model, and of
+        """Runs at ``curve_size`` that are fine-tuned, of the joint model at the same seeds, and of
         Θ⁰ that is fine-tuned without insertion; empty without any.
         """
-        listed = self.settings.full_curves.initializers
-        names = [name for name in self.finetuned if listed == "all" or name in listed]
-        rows = where(self.runs, size=self.curve_size, model=[*names, JOINT])
-        alone = self.analysis("finetune_only")
-        if not names or rows.empty:
+        rows = where(self.runs, size=self.curve_size, model=[*self.finetuned, JOINT])
+        if self.finetuned_seeds is not None:
+            rows = rows[rows["seed"] < self.finetuned_seeds]
+        if not self.finetuned or rows.empty:
             return rows.head(0)
+        alone = self.analysis("finetune_only")
         if alone is None:
             return rows
         alone = where(alone, size=self.curve_size, scope="known_closed")
@@ -287,3 +300,18 @@ class Results:
     def extended(self) -> list[Experiment]:
         """Experiments that insert entities of a second source (``graph.extend``)."""
         return [each for each in self.experiments if each.settings.graph.extend]
+
+    def on(self, papers: bool, extended: bool = False) -> Experiment | None:
+        """The first experiment on the paper's own graph, or on another one; ``extended``: that
+        inserts entities of a second source.
+        """
+        listed = self.extended if extended else self.standalone
+        of_graph = (
+            each for each in listed if (each.settings.graph.source == PAPERS_SOURCE) == papers
+        )
+        return next(of_graph, None)
+
+    def transfer_of(self, experiment: Experiment) -> Experiment | None:
+        """The first experiment that extends the graph of another one."""
+        source = experiment.settings.graph.source
+        return next((each for each in self.extended if each.settings.graph.source == source), None)

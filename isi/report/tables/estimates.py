@@ -1,7 +1,7 @@
-"""Means over runs, their intervals over seeds, and differences with tests.
+"""Means over runs, their intervals over sets of novel entities, and differences with tests.
 
-An estimate takes three columns: its name, ``NAME low`` and ``NAME high``. Seeds are the units that
-vary: intervals are Student's t over seeds, at 95 %.
+An estimate takes three columns: its name, ``NAME low`` and ``NAME high``. Seeds, each with its set
+of every size, are the units that vary: intervals are Student's t over seeds, at 95 %.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,13 +14,16 @@ from scipy.special import stdtr, stdtrit
 
 Names = Sequence[str]  #: Of models, scopes or columns, in order.
 Line = dict[str, Any]  #: A row of a table, by column.
+Estimate = tuple[float, float, float]  #: A value and the bounds of its interval.
+BASELINE = "xavier"  #: The paper's baseline, the reference of all gains.
 #: Columns that identify a run of an initializer.
-CELL = ["session", "size", "seed"]
-#: MRR* and its halves, with their headers.
-HALVES = {
+CELL = ["size", "seed"]
+#: Measures with their headers: MRR with its two halves, and the form with counts.
+MEASURES = {
+    "mrr": "MRR",
+    "mrr_entity": "entity prediction",
+    "mrr_relation": "relation prediction",
     "mrr_star": "MRR*",
-    "mrr_star_entity": "entity half",
-    "mrr_star_relation": "relation half",
 }
 #: Ends of the names of an estimate's columns.
 ENDS = ("", " low", " high")
@@ -66,60 +69,38 @@ def _quantile(seeds: Any) -> Any:
     return stdtrit(np.where(np.asarray(seeds) > 1, np.asarray(seeds) - 1, np.nan), 0.975)
 
 
-def relative(cells: pd.DataFrame, base: pd.DataFrame, sign: int = 1) -> tuple[float, float, float]:
-    """Per cent by which means over seeds (rows) exceed those of a reference, averaged over grid
-    points (columns), with its interval; with ``sign`` -1: per cent below the reference.
-
-    A seed's part in a ratio of means is taken to first order. Nulls are left out.
+def means_without_each(cells: pd.DataFrame) -> np.ndarray:
+    """Means of the columns over S seeds (rows): of all of them, then without each; shape
+    (1 + S, columns). Nulls are left out.
     """
-    cells = cells.reindex(index=base.index, columns=base.columns)
-    means, bases = cells.mean(), base.mean()
-    ratios = means / bases
-    mean = float((sign * (ratios - 1)).mean())
-    seeds = len(base)
-    shares = [cells.notna().mean(), base.notna().mean()]
-    parts = (cells - means) / shares[0] - ratios * (base - bases) / shares[1]
-    errors = (parts / bases).fillna(0).mean(axis=1)
-    around = np.nan
-    if seeds > 1:
-        around = np.sqrt((errors**2).sum() / (seeds * (seeds - 1))) * float(_quantile(seeds))
-    return 100 * mean, 100 * (mean - around), 100 * (mean + around)
+    values = cells.to_numpy(float)
+    weights = np.vstack([np.ones(len(values)), 1 - np.eye(len(values))])
+    present = ~np.isnan(values)
+    with np.errstate(invalid="ignore", divide="ignore"):  # all are null
+        means: np.ndarray = weights @ np.where(present, values, 0.0) / (weights @ present)
+    return means
 
 
-def improvements(immediate: pd.DataFrame, scope: str) -> pd.DataFrame:
-    """Gain of each model over Xavier: 100 × (ratio of means over seeds − 1), averaged over sizes
-    (section 6.1); columns ``gain`` and its bounds, rows by model.
+def jackknife(values: np.ndarray) -> Estimate:
+    """A statistic of all S seeds and without each of them, (1 + S,), as a value with its interval:
+    Student's t with the error of the jackknife, which is the usual one for a mean.
     """
-    return _ratios(where(immediate, scope=scope), "xavier", "gain")
+    value, others = float(values[0]), values[1:]
+    if not len(others):
+        return value, np.nan, np.nan
+    error = float(others.std()) * np.sqrt(len(others) - 1)
+    around = error * float(_quantile(len(others)))
+    return value, value - around, value + around
 
 
-def drops(immediate: pd.DataFrame) -> pd.DataFrame:
-    """Per cent by which MRR* about known entities is below the joint model's (section 6.3), by
-    initializer; columns ``drop`` and its bounds.
-    """
-    known = _ratios(where(immediate, scope="known"), "joint", "drop", sign=-1)
-    return known.drop(index="joint", errors="ignore")
-
-
-def _ratios(runs: pd.DataFrame, base: str, name: str, sign: int = 1) -> pd.DataFrame:
-    """``relative`` of each model to the model ``base``; none without it."""
-    cells = runs.pivot_table("mrr_star", "seed", ["model", "size"], dropna=False)
-    rows = dict[str, tuple[float, float, float]]()
-    for model in cells.columns.unique("model") if base in cells else ():
-        rows[str(model)] = relative(pd.DataFrame(cells[model]), pd.DataFrame(cells[base]), sign)
-    columns = [f"{name}{end}" for end in ENDS]
-    frame = pd.DataFrame.from_dict(rows, orient="index", columns=columns, dtype=float)
-    return frame.dropna(subset=name)
-
-
-def combined(rows: pd.DataFrame, by: Names) -> pd.DataFrame:
-    """MRR* of the queries of each group, with its halves, in [0, 1] (equation 7).
+def combined(rows: pd.DataFrame, by: Names, measure: str = "mrr") -> pd.DataFrame:
+    """A measure of the queries of each group, with its halves, in [0, 1] (equation 7).
 
     The entity half is a mean over relations, weighted by observations, of the mean over a
-    relation's head and tail queries. A half without queries is null; then MRR* is null. ``rows``:
-    of the query breakdown.
+    relation's head and tail queries. A half without queries is null; then the measure is null.
+    ``rows``: of the query breakdown.
     """
-    weighted = rows.assign(total=rows["mrr_star"] * rows["queries"])
+    weighted = rows.assign(total=rows[measure] * rows["queries"])
     of_relations = rows["hidden"] == "relation"
     groups = weighted[~of_relations].groupby(list(dict.fromkeys([*by, "relation"])), observed=True)
     sums, weight = groups[["total", "queries"]].sum(), groups["observations"].first()
@@ -127,9 +108,9 @@ def combined(rows: pd.DataFrame, by: Names) -> pd.DataFrame:
     shares = shares.groupby(level=list(by)).sum()
     relations = weighted[of_relations].groupby(list(by), observed=True)[["total", "queries"]].sum()
     entity, relation = shares["mean"] / shares["weight"], relations["total"] / relations["queries"]
-    halves = pd.DataFrame({"mrr_star_entity": entity, "mrr_star_relation": relation})
-    halves["mrr_star"] = halves.mean(axis=1, skipna=False)
-    return halves[list(HALVES)].reset_index()
+    halves = pd.DataFrame({f"{measure}_entity": entity, f"{measure}_relation": relation})
+    halves.insert(0, measure, halves.mean(axis=1, skipna=False))
+    return halves.reset_index()
 
 
 def difference(first: pd.Series, second: pd.Series) -> dict[str, float]:
@@ -184,21 +165,25 @@ def holm(p: np.ndarray) -> np.ndarray:
 
 
 def epochs_summary(convergence: pd.DataFrame, by: Names) -> pd.DataFrame:
-    """Epochs to convergence by group: mean with interval, standard deviation, median, and per cent
-    of runs without convergence with interval.
+    """Epochs to convergence by group, in both forms of the authors' program: of all runs, with the
+    limit for those that do not end; of the runs that end. Then the number that do not, and of all.
     """
-    runs = convergence.assign(lost=100.0 * ~convergence["converged"])
-    summary = over_seeds(runs, by, {"epochs": "mean", "lost": "unconverged %"}, scale=1)
-    groups = runs.groupby(list(by))["epochs"]
-    summary.insert(3, "std", groups.std())
-    summary.insert(4, "median", groups.median())
+    levels = list(by)
+    ended = convergence[convergence["converged"]]
+    parts = list[pd.DataFrame]()
+    for title, runs in (("", convergence), ("runs that end", ended)):
+        means = over_seeds(runs, levels, {"epochs": "mean"}, scale=1)
+        means["deviation"] = runs.groupby(levels)["epochs"].std()
+        parts.append(under(means, title))
+    summary = pd.concat(parts, axis=1)
+    groups = convergence.groupby(levels)["converged"]
+    summary["do not end"] = groups.size() - groups.sum()
+    summary["runs"] = groups.size()
     return summary
 
 
 def cells_of(rows: pd.DataFrame, models: Names, scope: str, column: str) -> pd.DataFrame:
-    """Values of ``column`` in one scope: a row for each session, size and seed, a column for each
-    model.
-    """
+    """Values of ``column`` in a scope: a row for each size and seed, a column for each model."""
     shown = where(rows, scope=scope)
     return shown.pivot(index=CELL, columns="model", values=column).reindex(columns=list(models))
 
@@ -219,3 +204,8 @@ def under(estimates: pd.DataFrame, group: str) -> pd.DataFrame:
 def named(estimates: Any, column: str, title: str) -> dict[str, Any]:
     """The estimate ``column`` of a frame or a row, with its bounds, under a title."""
     return {f"{title}{end}": estimates[f"{column}{end}"] for end in ENDS}
+
+
+def bounded(title: str, estimate: Estimate) -> dict[str, float]:
+    """The columns of an estimate."""
+    return {f"{title}{end}": value for end, value in zip(ENDS, estimate, strict=True)}

@@ -15,7 +15,7 @@ import pandas as pd
 #: In files: decimals of points, epochs and per cent; significant digits of numbers of any size.
 DECIMALS, DIGITS = 2, 4
 ANY_SIZE, CSV_ALONE = "any_size", "csv_alone"  #: Keys of ``frame.attrs``.
-_SIGNED = re.compile(r"\bminus\b|\bdifference\b|^gain\b|^change\b|: change$", re.IGNORECASE)
+_SIGNED = re.compile(r"\bminus\b|\bdifference\b|^change\b|: change$", re.IGNORECASE)
 _P = re.compile(r"^p( \(Holm\))?$")
 
 

@@ -1,8 +1,8 @@
-"""Beyond the paper: what brings this run nearer to the paper, stronger initializers, fewer insert
-triples, other words, embedding models and graphs.
+"""Beyond the paper: stronger initializers, fewer insert triples, other words, embedding models and
+graphs.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -11,8 +11,8 @@ import numpy as np
 import pandas as pd
 
 from isi import config
-from isi.report.tables.data import BASELINE, JOINT, Experiment, Models, Runs, read
-from isi.report.tables.estimates import Line, combined, difference, named, where, wide
+from isi.report.tables.data import Experiment, Models, Runs, read
+from isi.report.tables.estimates import BASELINE, Line, difference, named, where, wide
 from isi.report.tables.registry import Frames, table
 from isi.report.tables.results import by_label
 from isi.tables import paths
@@ -132,78 +132,12 @@ def _runs_of(
     )
 
 
-# From this run to the paper
-
-
-@table("beyond")
-def causes(results: Further) -> pd.DataFrame | None:
-    """Causes of the gap to the paper: a row for each changed setting, then the paper."""
-    variants, first = results.variants_of("causes"), results.experiments[0]
-    methods = first.models.of_role(first.finetuned, "isi")
-    if not variants or first.curve_size is None or BASELINE not in first.finetuned or not methods:
-        return None
-    titles, *measures = zip(*_conditions(results, variants), strict=True)
-    models, xavier = [JOINT, BASELINE, *methods], first.models.labels[BASELINE]
-    now, later = (pd.DataFrame(map(dict, rows)).reindex(columns=models) for rows in measures)
-    of_isi = now[methods].mean(axis=1, skipna=False)
-    columns = {
-        "row": titles,
-        "joint": now[JOINT],
-        xavier: now[BASELINE],
-        "ISI": of_isi,
-        "gain %": 100 * (of_isi / now[BASELINE] - 1),
-        f"epochs: {xavier}": later[BASELINE],
-        "epochs: ISI": later[methods].mean(axis=1, skipna=False),
-    }
-    frame = pd.DataFrame(columns)
-    gains = pd.Series(results.paper["immediate"]["improvement_over_xavier"])
-    frame.loc[frame.index[-1], "gain %"] = gains.reindex(methods).mean()
-    return frame
-
-
-def _conditions(
-    results: Further, variants: Iterable[VariantRuns]
-) -> Iterator[tuple[str, pd.Series, pd.Series]]:
-    """Titles with MRR* and epochs by model: of the first graph two sizes, entity MRR* and a filter
-    of all true triples; then of variants and of other graphs; last, the paper's epochs.
-    """
-    first, none = results.experiments[0], pd.Series(dtype=float)
-    size, largest = first.curve_size, max(first.settings.sessions.sizes)
-    main = first.of_size(size)
-    yield f"this run, {size} novel entities", _mrr_star(main), main.epochs("all")["mean"]
-    if largest != size:
-        share = 100 * largest / len(first.entities)
-        other = first.of_size(largest)
-        title = f"{largest} novel entities, {share:.0f} % of all"
-        yield title, _mrr_star(other), other.epochs("all")["mean"]
-    yield "entity prediction alone", _mrr_star(main, "mrr_star_entity"), none
-    if main.queries is not None:
-        true = where(main.queries, scope="all", filter="true")
-        means = combined(true, ["model", "size", "seed"]).groupby("model")["mrr_star"].mean()
-        yield "all true triples left out of the candidates", 100 * means, none
-    for runs in variants:
-        epochs = runs.epochs("all")["mean"] if runs.variant.finetuned else none
-        yield f"{runs.variant.title} ({runs.title})", _mrr_star(runs), epochs
-    for experiment in results.experiments[1:]:
-        if size in experiment.settings.sessions.sizes:
-            of_size = experiment.of_size(size)
-            title = f"{experiment.title}, {size} novel entities"
-            yield title, _mrr_star(of_size), of_size.epochs("all")["mean"]
-    yield "the paper", none, pd.DataFrame(results.paper["convergence"]["epochs"]).T["mean"]
-
-
-def _mrr_star(runs: Runs, measure: str = "mrr_star") -> pd.Series:
-    """Mean MRR* (points) over all queries right after insertion, by model."""
-    means: pd.Series = where(runs.immediate, scope="all").groupby("model")[measure].mean()
-    return 100 * means
-
-
 # Other initializers, fewer insert triples, other words
 
 
 @table("beyond")
 def strong(results: Further) -> Frames:
-    """Initializers beyond the paper on each graph, sorted by entity MRR* with the novel entity
+    """Initializers beyond the paper on each graph, sorted by entity MRR with the novel entity
     given.
     """
     frames = dict[str, pd.DataFrame]()
@@ -212,7 +146,7 @@ def strong(results: Further) -> Frames:
         order = list(given["mean"].sort_values(ascending=False, kind="stable").index)
         reference = cells.get(REFERENCE, pd.Series(np.nan, cells.index))
         minus = {model: difference(cells[model], reference) for model in order}
-        columns = named(runs.means("all"), "mean", "all")
+        columns = named(runs.means("held_out"), "mean", "held_out")
         columns |= named(runs.means("novel"), "mean", "novel")
         columns |= named(given, "mean", "novel entity given")
         title = f"novel entity given, minus {runs.models.labels[REFERENCE]}"
@@ -223,7 +157,7 @@ def strong(results: Further) -> Frames:
 
 @table("beyond")
 def n_insert_triples(results: Further) -> pd.DataFrame:
-    """Entity MRR* with the novel entity given by number of insert triples, on the first graph with
+    """Entity MRR with the novel entity given by number of insert triples, on the first graph with
     such runs.
     """
     variants, rows = results.variants_of("insert_triples"), list[Line]()
@@ -237,7 +171,7 @@ def n_insert_triples(results: Further) -> pd.DataFrame:
 
 @table("beyond")
 def other_words(results: Further) -> pd.DataFrame:
-    """Entity MRR* with the novel entity given by graph and kind of word vectors."""
+    """Entity MRR with the novel entity given by graph and kind of word vectors."""
     return _by_graph(results.variants_of("words"), "words")
 
 
@@ -245,7 +179,7 @@ def other_words(results: Further) -> pd.DataFrame:
 
 
 def _by_graph(listed: Sequence[Runs], variant: str = "") -> pd.DataFrame:
-    """Entity MRR* with the novel entity given: a row by model for each of the runs, those of a
+    """Entity MRR with the novel entity given: a row by model for each of the runs, those of a
     graph below each other; the column ``variant`` has the title of the variant.
     """
     names, rows = list(dict.fromkeys(runs.name for runs in listed)), list[Line]()
@@ -271,7 +205,7 @@ def graphs_novel_given(results: Further) -> pd.DataFrame:
 
 @table("beyond")
 def graphs_gains(results: Further) -> pd.DataFrame:
-    """Differences of ``PAIRS`` in entity MRR* with the novel entity given, on all graphs."""
+    """Differences of ``PAIRS`` in entity MRR with the novel entity given, on all graphs."""
     rows = list[Line]()
     for runs in results.compared:
         row: Line = {"graph": runs.title}

@@ -8,14 +8,16 @@ from typing import Any
 import pandas as pd
 
 from isi.report.tables import registry
-from isi.report.tables.data import BASELINE, JOINT, Experiment, Results
-from isi.report.tables.estimates import Names, drops, improvements, where
+from isi.report.tables.data import Experiment, Results
+from isi.report.tables.estimates import BASELINE, Names, epochs_summary, where
 from isi.report.tables.forms import csv, number
-from isi.report.tables.results import answers_of
+from isi.report.tables.results import GROUPED, answers_of
 from isi.tables.io import atomically
 
 #: The headline numbers, beside the page.
 METRICS = "metrics.json"
+#: Experiments of dvc.yaml's plots.
+STANDALONE, EXTENDED = ("paper", "ai2thor"), ("paper_transfer", "transfer")
 
 
 def write(results: Results, folder: Path) -> None:
@@ -28,42 +30,40 @@ def write(results: Results, folder: Path) -> None:
 
 
 def metrics(results: Results) -> dict[str, Any]:
-    """Headline numbers: the first experiment's, and each other one's under its name."""
-    first, *others = results.experiments
-    numbers = _of_experiment(results, first)
-    numbers |= {other.name: _of_experiment(results, other) for other in others}
+    """Headline numbers of each experiment, by its name."""
+    numbers = {each.name: _of_experiment(results, each) for each in results.experiments}
     return _rounded(numbers)
 
 
 def _of_experiment(results: Results, experiment: Experiment) -> dict[str, Any]:
-    immediate = experiment.immediate.groupby(["scope", "model"])["mrr_star"].mean()
-    converged = experiment.convergence.groupby(["scope", "model"])
-    numbers: dict[str, Any] = {
-        "immediate_mrr_star": _by_scope(experiment, 100 * immediate.dropna()),
-        "epochs_to_convergence": _by_scope(experiment, converged["epochs"].mean()),
-        "unconverged_percent": _by_scope(experiment, 100 * (1 - converged["converged"].mean())),
-    }
+    immediate = experiment.immediate.groupby(["scope", "model"])["mrr"].mean()
+    statistics = experiment.statistics()
+    numbers: dict[str, Any] = {"immediate_mrr": _by_scope(experiment, 100 * immediate.dropna())}
+    if experiment.finetuned:
+        epochs = epochs_summary(experiment.convergence, ["model"])
+        numbers["epochs_to_convergence"] = epochs["mean"].to_dict()
+        numbers["runs_without_convergence"] = epochs["do not end"].to_dict()
     if experiment.settings.graph.extend is None:
-        graph = {
+        numbers["graph"] = {
             "observations": int(experiment.triples["count"].sum()),
             "unique_triples": len(experiment.triples),
             "entities": len(experiment.entities),
         }
-        gains = dict[str, Any]()
-        for scope in ("all", "novel"):
-            gain = improvements(experiment.immediate, scope)["gain"]
-            gains[scope] = _by_model(experiment, gain.drop([BASELINE, JOINT], errors="ignore"))
-        numbers = {"graph": graph, **numbers, "improvement_over_xavier_percent": gains}
+        if BASELINE in experiment.initializers:
+            numbers["gain_over_xavier_percent"] = {
+                model: statistics.gain(model)[0]
+                for model in experiment.initializers
+                if model != BASELINE
+            }
     else:
+        numbers["drop_percent"] = {BASELINE: statistics.drop(BASELINE)[0]}
         last = where(experiment.curves, scope="known_closed", epoch=experiment.max_epochs)
-        last = where(last, model=experiment.rows)
-        numbers["drop_percent"] = drops(experiment.immediate)["drop"].to_dict()
-        ended = 100 * last.groupby("model")["mrr_star"].mean()
-        numbers["known_closed_at_the_end"] = ended.to_dict()
+        ended = where(last, model=experiment.rows).groupby("model")["mrr"].mean()
+        numbers["known_closed_at_the_end"] = (100 * ended).to_dict()
     if experiment.queries is not None:
         numbers["novel_entity_given"] = experiment.means("given")["mean"].to_dict()
-    answers = answers_of(results)
-    if answers and answers.experiment is experiment:
+    answers = answers_of(results, experiment)
+    if answers:
         hits = 100 * answers.hits().groupby("model")["hit"].mean()
         numbers["affordances_percent"] = hits.to_dict()
     return numbers
@@ -91,30 +91,40 @@ def _rounded(values: dict[str, Any]) -> dict[str, Any]:
     return rounded
 
 
+#: The plots that dvc.yaml names, whichever experiments there are, with the column of x.
+PLOTS = {
+    **dict.fromkeys(
+        [f"immediate_{scope}_{name}" for name in STANDALONE for scope in ("weighted", "novel")],
+        "size",
+    ),
+    **dict.fromkeys(
+        [f"curves_{scope}_{name}" for name in STANDALONE for scope in GROUPED]
+        + [f"curves_known_{name}" for name in EXTENDED],
+        "epoch",
+    ),
+}
+
+
 def plots(results: Results) -> dict[str, pd.DataFrame]:
-    """Curves for ``dvc plots``, by file name: means of MRR* × 100 by size or epoch, a column for
+    """Curves for ``dvc plots``, by file name: means of MRR × 100 by size or epoch, a column for
     each initializer.
     """
     initializers = list(results.params.initializers)
-    # dvc.yaml names these plots, also without the experiment
-    nothing = pd.DataFrame(columns=["epoch", *initializers])
-    frames = {"transfer_known": nothing, "transfer_known_closed": nothing}
+    frames = {name: pd.DataFrame(columns=[x, *initializers]) for name, x in PLOTS.items()}
     for experiment in results.experiments:
-        name = f"{experiment.name}_{{}}"
         if experiment in results.standalone:
             models = list(dict.fromkeys([*sorted(experiment.rows), *initializers]))
-            for scope in ("all", "novel"):
+            for scope in GROUPED:
                 runs = where(experiment.immediate, scope=scope)
-                frames[f"immediate_{scope}{experiment.suffix}"] = _means(runs, "size", models)
-            name = f"curves_{{}}{experiment.suffix}"
+                frames[f"immediate_{scope}_{experiment.name}"] = _means(runs, "size", models)
         curves = where(experiment.curves, model=experiment.initializers)
-        for scope in ("all", "novel_heldout", "known", "known_closed"):
+        for scope in (*GROUPED, "known_closed"):
             runs = where(curves, scope=scope)
-            frames[name.format(scope)] = _means(runs, "epoch", initializers)
+            frames[f"curves_{scope}_{experiment.name}"] = _means(runs, "epoch", initializers)
     return frames
 
 
 def _means(runs: pd.DataFrame, by: str, models: Names) -> pd.DataFrame:
-    """Means of MRR* (points): a row for each size or epoch, a column for each model."""
-    means = 100 * runs.groupby([by, "model"])["mrr_star"].mean().unstack("model")
+    """Means of MRR (points): a row for each size or epoch, a column for each model."""
+    means = 100 * runs.groupby([by, "model"])["mrr"].mean().unstack("model")
     return means.reindex(columns=list(models)).reset_index()

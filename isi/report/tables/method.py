@@ -2,7 +2,6 @@
 
 import platform
 from collections.abc import Iterator, Mapping, Sequence
-from functools import cache
 from importlib.metadata import version
 from math import nan
 from pathlib import Path
@@ -13,15 +12,15 @@ import pandas as pd
 from safetensors.numpy import load_file
 
 from isi.analyses.projection import Projection
-from isi.evaluation.query_sets import CONVERGING
-from isi.report.tables.data import Results, read
-from isi.report.tables.estimates import HALVES, Line, over_seeds, where
+from isi.report.tables.data import Experiment, Results, read
+from isi.report.tables.estimates import MEASURES, Line, bounded, over_seeds, under, where
 from isi.report.tables.forms import ANY_SIZE
-from isi.report.tables.registry import table
-from isi.report.tables.results import in_order
+from isi.report.tables.registry import of_each, table
+from isi.report.tables.results import GROUPED, in_order, in_rows
+from isi.report.tables.statistics import best_indicators
 
 #: The paper's rule: average epochs over NEIGHBOURS neighbouring sizes; grow while the average falls
-#: by at least EPOCHS and MRR*, in [0, 1], is at most LOSS below the best.
+#: by at least EPOCHS and MRR, in [0, 1], is at most LOSS below the best.
 NEIGHBOURS, EPOCHS, LOSS = 3, 1.0, 0.01
 _PACKAGES = (
     "dvc",
@@ -45,33 +44,38 @@ Setting = Mapping[str, float]
 
 @table("report")
 def graph_totals(results: Results) -> pd.DataFrame:
-    """Counts of the first graph beside the paper's."""
-    first, paper = results.standalone[0], results.paper["graph"]
-    entities, triples = first.entities, first.triples
-    kinds = in_order(entities["kind"].unique(), results.vocabulary["kinds"])
-    ours = {
-        "observations": int(triples["count"].sum()),
-        "unique_triples": len(triples),
-        "entities": len(entities),
-        **{kind: int((entities["kind"] == kind).sum()) for kind in kinds},
-    }
-    titles = {name: name.replace("_", " ") for name in ours} | {
-        kind: f"{kind} entities" for kind in kinds
-    }
-    rows = [(titles[name], number, paper.get(name)) for name, number in ours.items()]
-    return pd.DataFrame(rows, columns=["", "this run", "paper"])
+    """Counts of each graph beside those that the paper states."""
+    paper, columns = results.paper["graph"], dict[str, dict[str, int]]()
+    for experiment in results.standalone:
+        entities, triples = experiment.entities, experiment.triples
+        columns[experiment.title] = {
+            "observations": int(triples["count"].sum()),
+            "unique_triples": len(triples),
+            "relations": triples["relation"].nunique(),
+            "entities": len(entities),
+            **entities["kind"].value_counts().to_dict(),
+        }
+    frame = pd.DataFrame(columns)
+    kinds = [name for name in results.vocabulary["kinds"] if name in frame.index]
+    totals = ["observations", "unique_triples", "relations", "entities"]
+    frame = frame.loc[in_order(frame.index, [*totals, *kinds])]
+    frame.insert(0, "paper", [paper.get(name) for name in frame.index])
+    titles = {kind: f"{kind} entities" for kind in kinds}
+    frame.index = [titles.get(name, name.replace("_", " ")) for name in frame.index]
+    return frame.rename_axis("").reset_index()
 
 
 @table("report")
 def table1_graph_statistics(results: Results) -> pd.DataFrame | None:
-    """Table 1: median counts per environment by room type, beside the paper's."""
-    source = results.standalone[0].settings.graph.source
-    observations = read(f"data/observations/{source}.parquet")
-    if not observations["scene"].notna().any():
-        return None
-    return table1(
-        observations, results.paper["graph"]["median_per_environment"], results.vocabulary
-    )
+    """Table 1: median counts per environment by room type, beside the paper's, of the first graph
+    whose observations name their environments.
+    """
+    paper = results.paper["graph"]["median_per_environment"]
+    for experiment in results.standalone:
+        observations = read(f"data/observations/{experiment.settings.graph.source}.parquet")
+        if observations["scene"].notna().any():
+            return table1(observations, paper, results.vocabulary)
+    return None
 
 
 def table1(
@@ -97,81 +101,78 @@ def table1(
 # Training and choices
 
 
-@cache
-def indicator_means(results: Results) -> pd.DataFrame | None:
-    """The sweep of indicator set sizes: means over seeds by model and k, a column for each scope
-    and measure; MRR* in points with its interval.
+def swept(results: Results, experiment: Experiment) -> pd.DataFrame | None:
+    """The runs of the sweep of indicator set sizes, with a column k."""
+    return experiment.swept("sweep", "indicator_sweep", list(results.params.sweep.initializers))
+
+
+def by_indicators(results: Results, experiment: Experiment) -> pd.DataFrame | None:
+    """Means of the sweep by model and k: the measure (points) right after insertion by group, and
+    epochs to convergence of the sets that are fine-tuned.
     """
-    first, models = results.standalone[0], results.params.sweep.initializers
-    sweep = first.swept("sweep", "indicator_sweep", list(models))
+    sweep = swept(results, experiment)
     if sweep is None:
         return None
-    by = ["scope", "model", "k"]
-    epochs = first.converged(sweep, ["model", "k"])
-    now = over_seeds(where(sweep, epoch=0), by, {"mrr_star": "MRR*"})
-    later = over_seeds(epochs, by, {"epochs": "epochs"}, scale=1)
-    later["unconverged %"] = 100 * (1 - epochs.groupby(by)["converged"].mean())
-    parts = [now.loc[scope].add_prefix(f"{scope}: ") for scope in ("all", "novel")]
-    parts += [
-        later.loc[scope].add_prefix(f"{scope}: ")
-        for scope in CONVERGING
-        if scope in later.index.unique("scope")
+    by, now = ["model", "k"], where(sweep, epoch=0)
+    parts = [
+        under(over_seeds(where(now, scope=scope), by, {"mrr": "MRR"}), scope) for scope in GROUPED
     ]
-    means = pd.concat(parts, axis=1)
-    return means.loc[[model for model in models if model in means.index.unique("model")]]
+    epochs = experiment.converged(sweep, by, results.params.sweep.finetuned_seeds)
+    parts.append(over_seeds(epochs, by, {"epochs": "epochs"}, scale=1))
+    groups = epochs.groupby(by)["converged"]
+    parts.append((groups.size() - groups.sum()).rename("do not end").to_frame())
+    return pd.concat(parts, axis=1)
 
 
 @table("report")
-def sensitivity(results: Results) -> pd.DataFrame | None:
+@of_each("standalone")
+def sensitivity(results: Results, experiment: Experiment) -> pd.DataFrame | None:
     """Sensitivity to the indicator set size (Figures 2a and 2b)."""
-    means = indicator_means(results)
+    means = by_indicators(results, experiment)
     if means is None:
         return None
-    named = results.models.labelled(means.reset_index(), "model")
-    return named.rename(columns={"model": "initializer", "k": "indicators"})
+    models = list(results.params.sweep.initializers)
+    frame = in_rows(means, results.models, models, "initializer")
+    return frame.rename(columns={"k": "indicators"})
 
 
 @table("report")
-def indicator_sizes(results: Results) -> pd.DataFrame | None:
-    """The indicator set size that the paper's rule picks, beside those of this run and of the
-    paper.
+@of_each("standalone")
+def indicator_sizes(results: Results, experiment: Experiment) -> pd.DataFrame | None:
+    """The number of indicators with the highest measure right after insertion, with its interval;
+    what more of them change; and the number that the paper's rule picks.
     """
-    means = indicator_means(results)
-    if means is None:
+    sweep, means = swept(results, experiment), by_indicators(results, experiment)
+    if sweep is None or means is None:
         return None
-    rows, options = list[Line](), results.params.initializers
-    for model, size in picked_sizes(means).items():
+    paper, options, rows = results.paper, results.params.initializers, list[Line]()
+    for model in results.params.sweep.initializers:
         of_model = means.loc[model]
-        mrr_star = of_model["novel: MRR*"]
-        rows.append(
-            {
-                "initializer": results.models.labels[model],
-                "this run": options.get(model, {}).get("k", nan),
-                "paper": results.paper["indicators"].get(model, nan),
-                "picked by the rule": size,
-                "at the picked number: MRR*": mrr_star[size],
-                "at the picked number: epochs": of_model.loc[size, "novel_heldout: epochs"],
-                "best MRR*": mrr_star.max(),
-                "best at": mrr_star.idxmax(),
-            }
+        values, epochs = of_model["weighted: MRR"], of_model["epochs"]
+        best = best_indicators(right_after(sweep, model))
+        row: Line = {"initializer": results.models.labels[model]} | bounded("best k", best)
+        if experiment is results.on(papers=True):
+            row["best k: paper"] = paper["indicators_degrade_after"]
+        row["MRR at the best k"] = values.max()
+        row["MRR at the largest k"] = values.iloc[-1]
+        row["epochs at the smallest k"] = epochs.iloc[0]
+        row["epochs at the largest k"] = epochs.iloc[-1]
+        row["picked by the rule"] = select_size(
+            list(values.index), (values / 100).tolist(), epochs.tolist()
         )
+        row["picked by the paper"] = paper["indicators"].get(model, nan)
+        row["params"] = options.get(model, {}).get("k", nan)
+        rows.append(row)
     return pd.DataFrame(rows)
 
 
-def picked_sizes(means: pd.DataFrame) -> dict[str, int]:
-    """The size that the paper's rule picks for each initializer from MRR* and epochs about novel
-    entities.
-    """
-    picked = dict[str, int]()
-    for model in means.index.unique("model"):
-        of_model = means.loc[model]
-        mrr_star = (of_model["novel: MRR*"] / 100).tolist()
-        epochs = of_model["novel_heldout: epochs"].tolist()
-        picked[model] = select_size(of_model.index.tolist(), mrr_star, epochs)
-    return picked
+def right_after(sweep: pd.DataFrame, model: str) -> pd.DataFrame:
+    """The weighted measure of a swept initializer right after insertion: k, seed and value."""
+    rows = where(sweep, model=model, scope="weighted", epoch=0)
+    return rows.assign(value=100 * rows["mrr"])[["k", "seed", "value"]]
 
 
-def select_size(sizes: Sequence[int], mrr_star: Sequence[float], epochs: Sequence[float]) -> int:
+def select_size(sizes: Sequence[int], values: Sequence[float], epochs: Sequence[float]) -> int:
     """The indicator set size that the paper's rule picks (section 5.3).
 
     The paper "increased the indicator set size while the average number of epochs for three
@@ -181,7 +182,7 @@ def select_size(sizes: Sequence[int], mrr_star: Sequence[float], epochs: Sequenc
     picked. The best performance is the best among smaller sizes. The first size is picked if MRR*
     of the second is too low, or if there are fewer than three sizes.
 
-    Sizes ascend; ``mrr_star`` is immediate MRR* in [0, 1], ``epochs`` the mean epochs to
+    Sizes ascend; ``values`` are MRR in [0, 1], right after insertion, ``epochs`` the mean epochs to
     convergence, by size.
     """
     means = [sum(epochs[place - 1 : place + 2]) / NEIGHBOURS for place in range(1, len(sizes) - 1)]
@@ -189,7 +190,7 @@ def select_size(sizes: Sequence[int], mrr_star: Sequence[float], epochs: Sequenc
     for place in range(1, len(sizes) - 1):
         # NaN counts as no gain
         no_gain = place > 1 and not means[place - 2] - means[place - 1] >= EPOCHS
-        if no_gain or mrr_star[place] < max(mrr_star[:place]) - LOSS:
+        if no_gain or values[place] < max(values[:place]) - LOSS:
             break
         picked = place
     return sizes[picked]
@@ -197,10 +198,11 @@ def select_size(sizes: Sequence[int], mrr_star: Sequence[float], epochs: Sequenc
 
 @table("report")
 def cross_validation(results: Results) -> pd.DataFrame | None:
-    """A row for each setting, this run's first: mean and deviation of MRR* over folds, and whose
+    """A row for each setting, this run's first: mean and deviation of MRR over folds, and whose
     choice it is.
     """
-    rows = results.standalone[0].analysis("cross_validation")
+    analyses = (each.analysis("cross_validation") for each in results.standalone)
+    rows = next((each for each in analyses if each is not None), None)
     settings = [setting.model_dump() for setting in results.params.settings]
     choice = settings[0]
     means = None if rows is None else by_setting(rows, choice)
@@ -219,17 +221,17 @@ def cross_validation(results: Results) -> pd.DataFrame | None:
 
 
 def by_setting(rows: pd.DataFrame, choice: Setting) -> pd.DataFrame | None:
-    """Means over folds, and the deviation of MRR* (points), by setting; MRR* ``from the choice``,
-    and whether this is ``within`` the larger of the two deviations; None without the choice.
+    """Means over folds, and the deviation of MRR (points), by setting; MRR ``from the choice``, and
+    whether this is ``within`` the larger of the two deviations; None without the choice.
     """
     groups = rows.groupby(list(choice))
-    measures = 100 * groups[list(HALVES)].mean().rename(columns=HALVES)
-    measures.insert(1, "std", 100 * groups["mrr_star"].std())
+    measures = 100 * groups[list(MEASURES)].mean().rename(columns=MEASURES)
+    measures.insert(1, "std", 100 * groups["mrr"].std())
     measures["best epoch"] = groups["epoch"].mean()
     place = tuple(choice.values())
     if place not in measures.index:
         return None
-    lead = measures["MRR*"] - measures["MRR*"][place]
+    lead = measures["MRR"] - measures["MRR"][place]
     spread = measures["std"].clip(lower=measures["std"][place])
     return measures.assign(**{"from the choice": lead, "within": lead.abs() < spread})
 
@@ -240,9 +242,12 @@ def by_setting(rows: pd.DataFrame, choice: Setting) -> pd.DataFrame | None:
 @table("report")
 def figure1_trajectory(results: Results) -> pd.DataFrame | None:
     """The places of Figure 1: the path of one novel entity through fine-tuning."""
-    first = results.standalone[0]
+    traced = results.params.trajectory.experiments
+    first = next((each for each in results.experiments if each.name in traced), None)
+    if first is None:
+        return None
     file = Path(f"data/analyses/trajectory/{first.name}.safetensors")
-    if first.name not in results.params.trajectory.experiments or not file.exists():
+    if not file.exists():
         return None
     traces = load_file(file)
     known = traces["theta0"][traces["known"].astype(bool)]  # [N, d]

@@ -1,8 +1,9 @@
-"""The paper's numbers beside this run's."""
+"""The paper's results beside ours: on its own graph and under its conditions, and on today's."""
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cache
-from itertools import product
-from math import isnan, nan
+from math import nan
 from pathlib import Path
 from typing import Any
 
@@ -10,176 +11,242 @@ import pandas as pd
 
 from isi import config
 from isi.config import value_of
-from isi.report.tables.data import BASELINE, JOINT, Experiment, Results
-from isi.report.tables.estimates import (
-    Line,
-    drops,
-    epochs_summary,
-    improvements,
-    named,
-    where,
-)
+from isi.evaluation.changes import CHANGES
+from isi.evaluation.query_sets import GROUPS
+from isi.report.tables.data import JOINT, TITLES, Experiment, Results
+from isi.report.tables.estimates import BASELINE, CELL, Estimate, Line, bounded, where
 from isi.report.tables.forms import ANY_SIZE
-from isi.report.tables.method import indicator_means
+from isi.report.tables.method import right_after, swept
 from isi.report.tables.registry import table
-from isi.report.tables.results import about_new, by_label
+from isi.report.tables.statistics import ISI, METHODS, Statistics, best_indicators
 
-#: The rows of the table of all results; the file says how they are written.
-_ROWS = Path(__file__).with_name("paper_rows.yaml")
-#: A number of this run agrees with the paper's if it differs by at most this share.
-AGREES = 0.1
+#: The results of the paper; the file says how they are written.
+_RESULTS = Path(__file__).with_name("paper_results.yaml")
+#: Half of the last digit that the paper prints.
+PRINTED = 0.05
+#: Models of the table of the answer, as far as they were run.
+SHOWN = (BASELINE, "iu", "mean", *METHODS, "map", JOINT)
+
+
+# The answer
 
 
 @table("report")
 def answer(results: Results) -> pd.DataFrame | None:
-    """The answer of the report: measures of a few initializers, with the paper's below."""
-    first, paper = results.standalone[0], results.paper
-    models = [BASELINE, "mean", *first.methods, "map", JOINT]
-    models = [name for name in models if name in first.rows]
-    scope = about_new(first)
-    cost = 100 * first.immediate.pivot_table("mrr_star", "model", "scope", observed=True)
-    titles = {
-        "given": "entity MRR* with the novel entity given",
-        "novel": "MRR* about novel entities",
+    """The answer of the report: what each initializer gains and costs on both graphs, with the
+    paper's numbers below those on its own graph.
+    """
+    rows = list[Line]()
+    for experiment in results.standalone:
+        transfer = results.transfer_of(experiment)
+        theirs = results.paper if experiment is results.on(papers=True) else {}
+        rows += _answer(experiment, transfer, theirs)
+    frame = pd.DataFrame(rows)
+    names = {name: results.models.labels[name] for name in SHOWN if name in frame}
+    shown = frame[["graph", "measure", *names]].dropna(how="all", subset=list(names))
+    return shown.dropna(how="all", axis=1).rename(columns=names)
+
+
+def _answer(experiment: Experiment, transfer: Experiment | None, paper: Any) -> list[Line]:
+    """The rows of one graph."""
+    statistics, models = experiment.statistics(), experiment.rows
+    others = [name for name in experiment.initializers if name != BASELINE]
+    tuned = [name for name in experiment.finetuned if name != BASELINE]
+    epochs = {name: statistics.mean_epochs(name)[0] for name in experiment.finetuned}
+    fewer = {name: statistics.fewer_epochs(name)[0] for name in tuned}
+    printed_epochs = value_of(paper, "convergence.epochs") or {}
+    rows: dict[str, Mapping[str, float] | None] = {
+        "gain over Xavier, %": {name: statistics.gain(name)[0] for name in others},
+        "gain over Xavier, %: the paper": value_of(paper, "immediate.improvement_over_xavier"),
     }
-    rows: Line = {
-        "MRR* over all queries, right after insertion": first.means("all")["mean"],
-        "gain over Xavier, %": improvements(first.immediate, "all")["gain"].drop(
-            [BASELINE, JOINT], errors="ignore"
-        ),
-        "gain over Xavier in the paper, %": paper["immediate"]["improvement_over_xavier"],
-        f"{titles[scope]}, right after insertion": first.means(scope)["mean"],
-        "epochs of fine-tuning, over all queries": first.epochs("all")["mean"],
-        "epochs of fine-tuning in the paper, over all queries": {
-            name: of["mean"] for name, of in paper["convergence"]["epochs"].items()
+    for group in GROUPS:
+        title = f"MRR right after insertion: {TITLES[group]}"
+        rows[title] = {name: getattr(statistics, group)(name)[0] for name in models}
+    rows |= {
+        "epochs of fine-tuning": epochs,
+        "epochs of fine-tuning: the paper": {
+            name: of["mean"] for name, of in printed_epochs.items()
         },
-        "epochs of fine-tuning, about the novel entity": first.epochs("novel_heldout")["mean"],
-        "earlier knowledge loses, points of MRR*": (cost["known_closed"] - cost["known"]).drop(
-            JOINT, errors="ignore"
-        ),
+        "fewer epochs than Xavier, %": fewer,
+        "fewer epochs than Xavier, %: the paper": {
+            name: number
+            for name, number in (
+                value_of(paper, "convergence.fewer_epochs_than_xavier") or {}
+            ).items()
+            if name in METHODS
+        },
     }
-    frame = pd.DataFrame({name: pd.Series(values, dtype=float) for name, values in rows.items()}).T
-    shown = frame.reindex(columns=models).rename(columns=first.models.labels)
-    return shown.dropna(how="all").rename_axis("measure").reset_index()
+    if transfer is not None:
+        drop = transfer.statistics().drop(BASELINE)[0]
+        rows["drop of earlier knowledge in the transfer, %"] = {BASELINE: drop}
+        rows["drop of earlier knowledge in the transfer, %: the paper"] = value_of(
+            paper, "transfer.drop"
+        )
+    return [
+        {"graph": experiment.title, "measure": measure, **(values or {})}
+        for measure, values in rows.items()
+    ]
 
 
-#: Kinds of the printed results, with the titles of their rows.
-_KINDS = {
-    "gains over Xavier (%)": "immediate gain over Xavier, all queries, %",
-    "epochs to convergence, means": "epochs to convergence, mean",
-    "epochs to convergence, deviations": "epochs to convergence, standard deviation",
-    "transfer: MRR*, all queries": "immediate MRR*, all queries",
-    "transfer: MRR*, new entities": "immediate MRR*, new entities' queries",
-    "best number of indicators": (
-        "indicator set size of the best immediate MRR*, all queries (paper: falls beyond)"
-    ),
-    "transfer: epochs": "epochs to convergence after the transfer",
-    "transfer: drop (%)": "immediate drop of MRR* over {first}'s entities, %",
-}
+# Every result that the paper prints
 
 
-@table("report")
-def paper_dots(results: Results) -> pd.DataFrame:
-    """The printed results by kind: the paper's number and this run's."""
-    titles = {
-        title.format(first=results.standalone[0].title): kind for kind, title in _KINDS.items()
-    }
-    rows = rows_of(results, results.standalone[0])
-    rows[["whose", "title"]] = rows["what"].str.split(": ", n=1, expand=True)
-    rows["kind"] = pd.Categorical(rows["title"].map(titles), list(_KINDS))
-    rows["this run is"] = list(map(comparison, rows["paper"], rows["this run"]))
-    rows = rows.dropna(subset="kind").sort_values("kind", kind="stable")
-    shown: pd.DataFrame = rows[["kind", "whose", "paper", "this run", "this run is"]]
-    return shown
+@dataclass(frozen=True)
+class PaperResult:
+    """A result that the paper prints, and the statistic of runs that repeats it."""
 
+    kind: str
+    place: str  #: in the paper
+    model: str
+    paper: float
+    statistic: str  #: a method of ``Statistics``, or ``best_indicators``
+    extended: bool  #: whether it is of the transfer
 
-@table("report")
-def paper_against_this_run(results: Results) -> pd.DataFrame:
-    """The results that the paper prints, beside ours."""
-    first, *others = results.standalone
-    frame = rows_of(results, first)
-    for other in others:
-        frame[other.name] = rows_of(results, other)["this run"]
-    frame["this run is"] = list(map(comparison, frame["paper"], frame["this run"]))
-    frame.attrs[ANY_SIZE] = ["paper", "this run", *(other.name for other in others)]
-    return frame
-
-
-def comparison(paper: float, ours: float) -> str:
-    """Whether a number agrees with the paper's within ``AGREES`` of it, is larger or smaller;
-    empty without both.
-    """
-    if isnan(paper) or isnan(ours):
-        return ""
-    if abs(ours - paper) <= AGREES * abs(paper):
-        return "agrees"
-    return "larger" if ours > paper else "smaller"
-
-
-@table("report")
-def standalone_graphs(results: Results) -> pd.DataFrame | None:
-    """The graphs with one source side by side."""
-    graphs = [each for each in results.standalone if each.queries is not None]
-    if len(graphs) < 2:
-        return None
-    columns = dict[str, Any]()
-    for graph in graphs:
-        columns |= named(graph.means("all"), "mean", f"{graph.title}: all")
-        given = graph.means("given")
-        columns |= named(given, "mean", f"{graph.title}: novel entity given")
-        columns |= named(graph.epochs("novel_heldout"), "mean", f"{graph.title}: mean")
-    models = list(dict.fromkeys(name for graph in graphs for name in graph.rows))
-    return by_label(results.models, models, columns)
-
-
-def rows_of(results: Results, experiment: Experiment) -> pd.DataFrame:
-    """Results that the paper prints beside those of one experiment; the rows do not depend on what
-    was run.
-    """
-    paper, ours = results.paper, _ours(results, experiment)
-    best = dict.fromkeys(paper["indicators"], paper["indicators_degrade_after"])
-    theirs: dict[str, Any] = {**paper, "best_indicators": best}
-    labels = results.models.labels
-    first, rows = results.standalone[0].title, list[tuple[str, str, float, float]]()
-    for section, titles, key in config.read(_ROWS)["rows"]:
-        named = value_of(theirs, key)
-        names = list(named) if isinstance(named, dict) else [""]
-        parts = titles if isinstance(titles, dict) else {"": titles}
-        for name, (part, title) in product(names, parts.items()):
-            place = key + "".join(f".{step}" for step in (name, part) if step)
-            text = (f"{labels.get(name, name)}: {title}" if name else title).format(first=first)
-            number, value = value_of(theirs, place), value_of(ours, place)
-            of_paper, of_run = (nan if each is None else float(each) for each in (number, value))
-            rows.append((section, text, of_paper, of_run))
-    return pd.DataFrame(rows, columns=["where", "what", "paper", "this run"])
+    def measured(self, results: Results, papers: bool, statistic: str = "") -> Estimate:
+        """The statistic of our runs on the paper's own graph, or on today's."""
+        experiment = results.on(papers, self.extended)
+        if experiment is None:
+            return nan, nan, nan
+        if self.statistic == "best_indicators":
+            sweep = swept(results, experiment)
+            rows = None if sweep is None else right_after(sweep, self.model)
+            return (nan, nan, nan) if rows is None or rows.empty else best_indicators(rows)
+        function = getattr(_statistics(experiment), statistic or self.statistic)
+        estimate: Estimate = function(self.model)
+        return estimate
 
 
 @cache
-def _ours(results: Results, experiment: Experiment) -> dict[str, Any]:
-    """This run's numbers under the keys of the paper's."""
-    source, transfer = experiment.settings.graph.source, dict[str, Any]()
-    of_source = (other for other in results.extended if other.settings.graph.source == source)
-    if moved := next(of_source, None):
-        transfer = {
-            "all_queries": moved.means("all")["mean"].to_dict(),
-            "novel_queries": moved.means("novel")["mean"].to_dict(),
-            "drop": drops(moved.immediate)["drop"].to_dict(),
-            "epochs": moved.epochs("all")["mean"].to_dict(),
+def _statistics(experiment: Experiment) -> Statistics:
+    return experiment.statistics()
+
+
+def results_of(paper: Mapping[str, Any]) -> list[PaperResult]:
+    """The results that the paper prints, from its numbers."""
+    listed = list[PaperResult]()
+    for entry in config.read(_RESULTS)["results"]:
+        values = value_of(paper, entry["key"])
+        numbers = values if isinstance(values, dict) else dict.fromkeys(entry["models"], values)
+        for name, number in numbers.items():
+            # ``mean`` is an initializer of ours
+            model = ISI if name == "mean" else name
+            result = PaperResult(
+                kind=entry["kind"],
+                place=entry["place"],
+                model=model,
+                paper=float(number[entry["part"]] if "part" in entry else number),
+                statistic=entry["statistic"],
+                extended=entry.get("extended", False),
+            )
+            listed.append(result)
+    return listed
+
+
+@table("report")
+def paper_results(results: Results) -> pd.DataFrame:
+    """Every result that the paper prints, ours on its own graph with the 95 % interval, whether
+    the paper's is inside, and ours on today's graph.
+    """
+    rows = list[Line]()
+    for result in results_of(results.paper):
+        ours = result.measured(results, papers=True)
+        labels = {**results.models.labels, ISI: "mean of ISI"}
+        row: Line = {"where": result.place, "kind": result.kind, "whose": labels[result.model]}
+        row |= {
+            "paper": result.paper,
+            **bounded("ours", ours),
+            "inside": inside(result.paper, ours),
         }
-    gain = improvements(experiment.immediate, "all")["gain"].to_dict()
-    epochs = epochs_summary(where(experiment.convergence, scope="all"), ["model"])
-    return {
-        "immediate": {"improvement_over_xavier": gain},
-        "best_indicators": _best_indicators(results, experiment),
-        "convergence": {"epochs": epochs.rename(columns={"std": "deviation"}).to_dict("index")},
-        "transfer": transfer,
-    }
+        if result.statistic == "weighted":
+            mixed = result.measured(results, papers=True, statistic="by_papers_share")
+            row |= bounded("by the paper's weights", mixed)
+            row["by the paper's weights: inside"] = inside(result.paper, mixed)
+        row |= bounded("today's graph", result.measured(results, papers=False))
+        rows.append(row)
+    frame = pd.DataFrame(rows)
+    last = [name for name in frame if name.startswith("today")]
+    frame = frame[[name for name in frame if name not in last] + last]
+    frame.attrs[ANY_SIZE] = ["paper"]
+    return frame
 
 
-def _best_indicators(results: Results, experiment: Experiment) -> dict[str, int]:
-    """The number of indicators with the highest MRR* over all queries, by initializer."""
-    means = indicator_means(results)
-    if means is None or experiment is not results.standalone[0]:
-        return {}
-    best = means["all: MRR*"].unstack("model").dropna(axis=1, how="all").idxmax()
-    return {str(name): int(k) for name, k in best.items()}
+def inside(paper: float, ours: Estimate) -> str:
+    """Whether the paper's number lies within our interval, to the digit that it prints; empty
+    without an interval.
+    """
+    _, low, high = ours
+    if not low <= high:
+        return ""
+    return "yes" if low - PRINTED <= paper <= high + PRINTED else "no"
+
+
+@table("report")
+def inside_by_kind(results: Results) -> pd.DataFrame:
+    """How many of the results that the paper prints are inside our intervals, by kind."""
+    frame = paper_results(results)
+    frame = frame.assign(inside=frame["inside"] == "yes")
+    groups = frame.groupby("kind", sort=False)["inside"]
+    counts = pd.DataFrame({"number": groups.size(), "inside": groups.sum()})
+    counts.loc["all"] = counts.sum()
+    return counts.astype(int).rename_axis("results").reset_index()
+
+
+@table("report")
+def unexplained(results: Results) -> pd.DataFrame:
+    """The results outside our intervals: ours minus the paper's, and how many half-widths of the
+    interval it is away.
+    """
+    frame = paper_results(results)
+    frame = frame[frame["inside"] == "no"]
+    apart = frame["ours"] - frame["paper"]
+    half = ((frame["ours high"] - frame["ours low"]) / 2).clip(lower=PRINTED)
+    columns = ["where", "kind", "whose", "paper", "ours", "ours low", "ours high"]
+    return frame[columns].assign(
+        **{"ours minus the paper's": apart, "half-widths away": apart.abs() / half}
+    )
+
+
+# What the measure decides
+
+
+@table("report")
+def measure_decides(results: Results) -> pd.DataFrame | None:
+    """The paper's headline numbers on its own graph, by its measure and with one part of the
+    measure changed at a time; then the paper's.
+    """
+    experiment = results.on(papers=True)
+    if experiment is None or experiment.changes is None:
+        return None
+    transfer, rows = results.transfer_of(experiment), list[Line]()
+    labels = results.models.labels
+    for name, change in CHANGES.items():
+        statistics, row = changed(experiment, name), Line(measure=change.title)
+        for model in METHODS:
+            row |= bounded(f"gain over Xavier, %: {labels[model]}", statistics.gain(model))
+        row |= bounded("fewer epochs, %", statistics.fewer_epochs(ISI))
+        if transfer is not None and transfer.changes is not None:
+            row |= bounded("transfer: drop, %", changed(transfer, name).drop(BASELINE))
+        rows.append(row)
+    paper = results.paper
+    gains = paper["immediate"]["improvement_over_xavier"]
+    last: Line = {f"gain over Xavier, %: {labels[model]}": gains[model] for model in METHODS}
+    last["fewer epochs, %"] = paper["convergence"]["fewer_epochs_than_xavier"]["mean"]
+    last["transfer: drop, %"] = paper["transfer"]["drop"][BASELINE]
+    rows.append({"measure": "the paper", **last})
+    return pd.DataFrame(rows, columns=list(rows[0]))
+
+
+def changed(experiment: Experiment, change: str) -> Statistics:
+    """The statistics of an experiment by the measure with one part changed."""
+    assert experiment.changes is not None  # noqa: S101  # the callers ask before
+    rows = where(experiment.changes, change=change).rename(columns={"value": "mrr"})
+    immediate = where(rows, epoch=0).assign(value=100 * where(rows, epoch=0)["mrr"])
+    # where all of D¹ is one group, this one has to converge
+    groups = [group for group in GROUPS if group in set(rows["scope"])] or ["weighted"]
+    grouped = where(rows, scope=groups)
+    if groups == ["weighted"]:
+        grouped = grouped.assign(scope=GROUPS[0])
+    joint = where(grouped, model=JOINT)
+    runs = where(grouped, model=experiment.finetuned)
+    epochs = experiment.converged(runs, ["model"], experiment.finetuned_seeds, joint)
+    return Statistics(immediate[["model", "scope", *CELL, "value"]], epochs)

@@ -31,20 +31,23 @@ def table(page: str) -> Callable[[F], F]:
     return register
 
 
-def of_each(kind: str) -> Callable[[OfExperiment], Callable[[Any], Frames]]:
-    """Make a function of results and one experiment a function of results, for every experiment of
-    a kind (an attribute of ``Results``): names end with the experiment's suffix.
+def of_each(kind: str) -> Callable[[OfExperiment], Callable[[Any], pd.DataFrame | None]]:
+    """Make a function of results and one experiment a function of results: the rows of every
+    experiment of a kind (an attribute of ``Results``) below each other, after a column ``graph``
+    with its title.
     """
 
-    def decorate(function: OfExperiment) -> Callable[[Any], Frames]:
+    def decorate(function: OfExperiment) -> Callable[[Any], pd.DataFrame | None]:
         @wraps(function)
-        def of_results(results: Any) -> Frames:
-            frames = dict[str, pd.DataFrame]()
+        def of_results(results: Any) -> pd.DataFrame | None:
+            frames = list[pd.DataFrame]()
             for experiment in getattr(results, kind):
                 frame = function(results, experiment)
                 if frame is not None:
-                    frames[f"{function.__name__}{experiment.suffix}"] = frame
-            return frames
+                    frame = frame.reset_index(drop=True)
+                    frame.insert(0, "graph", experiment.title)
+                    frames.append(frame)
+            return pd.concat(frames, ignore_index=True) if frames else None
 
         return of_results
 

@@ -9,13 +9,13 @@ from typing import Any
 
 import pandas as pd
 
-from isi.evaluation.query_sets import CONVERGING
+from isi.evaluation.query_sets import SCOPES
 from isi.graph.graph import MinedSource, new_entities
 from isi.report.tables.data import (
-    BASELINE,
     DIRECTIONS,
     FINETUNE_ONLY,
     JOINT,
+    TITLES,
     Experiment,
     Models,
     Results,
@@ -23,12 +23,13 @@ from isi.report.tables.data import (
     read,
 )
 from isi.report.tables.estimates import (
+    BASELINE,
     CELL,
-    HALVES,
+    MEASURES,
+    Line,
     Names,
-    cells_of,
+    bounded,
     compare,
-    drops,
     epochs_summary,
     named,
     over_seeds,
@@ -37,10 +38,11 @@ from isi.report.tables.estimates import (
 )
 from isi.report.tables.registry import Frames, of_each, table
 
-_SCOPES = ["all", "known", "known_closed", "novel", "novel_heldout"]
+#: Scopes of the paper's measure, in the order of tables.
+GROUPED = ("weighted", "known", "novel")
 #: Scopes of earlier knowledge: with the novel entities among the candidates, and without.
 EARLIER = ("known", "known_closed")
-#: Points of MRR* by which equal rankings may differ: near ties of scores fall either way.
+#: Points of MRR by which equal rankings may differ: near ties of scores fall either way.
 EQUAL = 0.01
 #: The parts of the gain from Xavier on, each with the control that has it; an initializer of ISI
 #: has the last, too.
@@ -85,17 +87,16 @@ def by_label(
 # Right after insertion
 
 
-def halves(runs: Runs, scopes: Names) -> dict[str, pd.DataFrame]:
-    """Means of MRR* and its halves by model, for each scope."""
-    means = over_seeds(where(runs.immediate, scope=list(scopes)), ["scope", "model"], HALVES)
-    return {scope: pd.DataFrame(means.loc[scope]) for scope in scopes if scope in means.index}
-
-
 @table("report")
 @of_each("standalone")
 def immediate(_: Results, experiment: Experiment) -> pd.DataFrame:
-    """MRR* right after insertion, with its halves."""
-    return by_label(experiment.models, experiment.rows, halves(experiment, ("all", "novel")))
+    """The measure right after insertion by group, in both forms: without and with counts."""
+    forms = {name: MEASURES[name] for name in ("mrr", "mrr_star")}
+    rows = where(experiment.immediate, scope=GROUPED)
+    means = over_seeds(rows, ["scope", "model"], forms)
+    scopes = [scope for scope in GROUPED if scope in means.index]
+    columns = {scope: pd.DataFrame(means.loc[scope]) for scope in scopes}
+    return by_label(experiment.models, experiment.rows, columns)
 
 
 def in_order(values: Any, first: Names) -> list[str]:
@@ -108,23 +109,23 @@ def in_order(values: Any, first: Names) -> list[str]:
 @table("report")
 @of_each("standalone")
 def immediate_by_size(_: Results, experiment: Experiment) -> pd.DataFrame:
-    """MRR* right after insertion by number of novel entities."""
-    rows = where(experiment.immediate, scope=("all", "novel"))
-    means = over_seeds(rows, ["scope", "size", "model"], HALVES)
-    return in_rows(means, experiment.models, experiment.rows, scope=("all", "novel"))
+    """The measure right after insertion by number of novel entities."""
+    rows = where(experiment.immediate, scope=GROUPED)
+    means = over_seeds(rows, ["scope", "size", "model"], MEASURES)
+    return in_rows(means, experiment.models, experiment.rows, scope=GROUPED)
 
 
 @table("report")
 @of_each("standalone")
 def scopes(_: Results, experiment: Experiment) -> pd.DataFrame:
-    """MRR* right after insertion by scope; with known candidates alone, a new vector changes
+    """MRR right after insertion by scope; with known candidates alone, a new vector changes
     nothing, so one row says it.
     """
-    means = over_seeds(experiment.immediate, ["scope", "model"], HALVES)
-    rows = in_rows(means, experiment.models, experiment.rows, scope=_SCOPES)
+    means = over_seeds(experiment.immediate, ["scope", "model"], MEASURES)
+    rows = in_rows(means, experiment.models, experiment.rows, scope=list(SCOPES))
     joint = experiment.models.labels[JOINT]
     closed = (rows["scope"] == "known_closed") & (rows["model"] != joint)
-    values = rows.loc[closed, list(HALVES.values())]
+    values = rows.loc[closed, list(MEASURES.values())]
     if not len(values) or (values.max() - values.min() > EQUAL).any():
         return rows
     rows.loc[values.index[0], "model"] = "Any initializer"
@@ -133,15 +134,28 @@ def scopes(_: Results, experiment: Experiment) -> pd.DataFrame:
 
 @table("report")
 @of_each("standalone")
-def gain_and_cost(_: Results, experiment: Experiment) -> pd.DataFrame:
-    """What is answered about novel entities against what earlier knowledge loses, in points."""
-    means = 100 * experiment.immediate.pivot_table("mrr_star", "model", "scope", observed=True)
-    means = means.reindex(experiment.initializers)
-    columns = {
-        "earlier knowledge loses": means["known_closed"] - means["known"],
-        "MRR* about novel entities": means["novel"],
-    }
-    return by_label(experiment.models, experiment.initializers, columns, "initializer")
+def gains(results: Results, experiment: Experiment) -> pd.DataFrame | None:
+    """Gain over Xavier, as a ratio of the means over sizes and as a mean of the sizes' ratios, in
+    both forms of the measure.
+    """
+    if BASELINE not in experiment.initializers:
+        return None
+    forms = {"mrr": "", "mrr_star": f"{MEASURES['mrr_star']}: "}
+    of_forms = {form: experiment.statistics(form) for form in forms}
+    rows = list[Line]()
+    for model in experiment.initializers:
+        if model == BASELINE:
+            continue
+        row: Line = {"initializer": experiment.models.labels[model]}
+        for form, title in forms.items():
+            of_form = of_forms[form]
+            row |= bounded(f"{title}gain, %", of_form.gain(model))
+            row |= bounded(f"{title}mean of the sizes' gains, %", of_form.gain_by_size(model))
+        if experiment is results.on(papers=True):
+            paper = results.paper["immediate"]["improvement_over_xavier"]
+            row["paper"] = paper.get(model)
+        rows.append(row)
+    return pd.DataFrame(rows)
 
 
 @table("report")
@@ -150,37 +164,18 @@ def differences(_: Results, experiment: Experiment) -> pd.DataFrame | None:
     """All pairs of initializers in the headline measures, with tests."""
     if len(experiment.initializers) < 2:
         return None
-    measures = {
-        f"immediate MRR*, {TITLES['all']}": experiment.by_run("all"),
-        f"immediate MRR*, {TITLES['novel']}": experiment.by_run("novel"),
-        f"immediate entity prediction, {TITLES['novel']}": experiment.by_run(
-            "novel", "mrr_star_entity"
-        ),
-    }
-    for scope in CONVERGING:
-        cells = cells_of(experiment.convergence, experiment.initializers, scope, "epochs")
-        measures[f"epochs to convergence, {TITLES[scope]}"] = cells
+    measures = {f"MRR, {TITLES[scope]}": experiment.by_run(scope) for scope in GROUPED}
+    measures["entity prediction, novel entities"] = experiment.by_run("novel", "mrr_entity")
     pairs = compare(measures, experiment.initializers, experiment.methods)
+    if len(experiment.finetuned) > 1:
+        cells = experiment.convergence.pivot(index=CELL, columns="model", values="epochs")
+        methods = experiment.models.of_role(experiment.finetuned, "isi")
+        of_epochs = compare({"epochs to convergence": cells}, experiment.finetuned, methods)
+        pairs = pd.concat([pairs, of_epochs], ignore_index=True)
     return experiment.models.labelled(pairs, "first", "second")
 
 
-#: Titles of scopes in the cells of tables.
-TITLES = {
-    "all": "all queries",
-    "novel": "novel entities",
-    "novel_heldout": "novel entities, held-out triples",
-    "given": "novel entity given",
-    "known": "earlier knowledge",
-    "known_closed": "earlier knowledge, known candidates only",
-}
-
-
 # What the gain consists of
-
-
-def about_new(runs: Runs) -> str:
-    """The scope about novel entities: those that are given, where queries were broken down."""
-    return "novel" if runs.queries is None else "given"
 
 
 def steps(method: str, models: Names) -> list[tuple[str, str, str]]:
@@ -197,39 +192,37 @@ def steps(method: str, models: Names) -> list[tuple[str, str, str]]:
 
 
 @table("report")
-def answer_parts(results: Results) -> pd.DataFrame | None:
-    """What the gain of the best of ISI consists of, over all queries and about novel entities: bars
-    from ``start`` to ``end`` in points.
+@of_each("standalone")
+def answer_parts(_: Results, experiment: Experiment) -> pd.DataFrame | None:
+    """What the gain of the best of ISI consists of, in both groups together and about novel
+    entities: bars from ``start`` to ``end`` in points.
     """
-    first = results.standalone[0]
-    best = best_method(first)
-    if best is None or BASELINE not in first.initializers:
+    best = best_method(experiment)
+    if best is None or BASELINE not in experiment.initializers:
         return None
+    labels, initializers = experiment.models.labels, experiment.initializers
     rows = list[tuple[str, str, float, float]]()
-    for scope in ("all", about_new(first)):
-        means = first.means(scope)["mean"].reindex(first.rows)
-        end = means[BASELINE]
-        rows.append((scope, first.models.labels[BASELINE], 0.0, end))
-        for part, model, before in steps(best, first.initializers):
-            points = first.minus(scope, model, before)["difference"]
-            rows.append((scope, part, end, end + points))
-            end += points
-        others = means[first.models.of_role(first.initializers, "baseline", "own")]
+    for scope in ("weighted", "novel"):
+        means = experiment.means(scope)["mean"].reindex(experiment.rows)
+        rows.append((scope, labels[BASELINE], 0.0, means[BASELINE]))
+        for part, model, before in steps(best, initializers):
+            rows.append((scope, part, means[before], means[model]))
+        others = means[experiment.models.of_role(initializers, "baseline", "own")]
         for name in (best, *others.nlargest(1).index, JOINT):
-            rows.append((scope, first.models.labels[name], means[name], means[name]))
+            rows.append((scope, labels[name], means[name], means[name]))
     return pd.DataFrame(rows, columns=["scope", "part", "start", "end"])
 
 
 def best_method(runs: Runs) -> str | None:
-    """The initializer of ISI with the highest MRR* about novel entities."""
-    means = runs.means(about_new(runs))["mean"].reindex(runs.methods).dropna()
+    """The initializer of ISI with the highest MRR about novel entities."""
+    means = runs.means("novel")["mean"].reindex(runs.methods).dropna()
     return str(means.idxmax()) if len(means) else None
 
 
 @table("report")
 @of_each("experiments")
 def directions(_: Results, experiment: Experiment) -> pd.DataFrame | None:
-    """Entity MRR* about novel entities: with the entity given, and with it as the answer."""
+    """Entity MRR about novel entities: with the entity given, and with it as the answer."""
     if experiment.directed.empty:
         return None
     columns = dict[str, Any]()
@@ -243,102 +236,93 @@ def directions(_: Results, experiment: Experiment) -> pd.DataFrame | None:
 
 @table("report")
 @of_each("standalone")
-def table2_convergence(results: Results, experiment: Experiment) -> pd.DataFrame:
+def table2_convergence(results: Results, experiment: Experiment) -> pd.DataFrame | None:
     """Table 2: epochs to convergence over all sizes, beside the paper's."""
-    return table2(experiment, results.paper["convergence"]["epochs"])
-
-
-def table2(runs: Runs, paper: Mapping[str, Mapping[str, float]]) -> pd.DataFrame:
-    """Epochs to convergence by initializer, for all queries and for held-out triples."""
-    models, convergence = runs.finetuned or runs.initializers, runs.convergence
-    columns = {
-        scope: epochs_summary(where(convergence, scope=scope), ["model"]) for scope in CONVERGING
-    }
-    frame = by_label(runs.models, models, columns, "initializer")
-    theirs = pd.DataFrame(paper).T.reindex(models)
-    frame.insert(4, "paper: mean", theirs["mean"].to_numpy())
-    frame.insert(6, "paper: std", theirs["deviation"].to_numpy())
+    if not experiment.finetuned:
+        return None
+    summary = epochs_summary(experiment.convergence, ["model"])
+    frame = by_label(experiment.models, experiment.finetuned, {"": summary}, "initializer")
+    if experiment is results.on(papers=True):
+        theirs = pd.DataFrame(results.paper["convergence"]["epochs"]).T
+        theirs = theirs.reindex(experiment.finetuned)
+        frame.insert(5, "paper: mean", theirs["mean"].to_numpy())
+        frame.insert(6, "paper: deviation", theirs["deviation"].to_numpy())
     return frame
 
 
 @table("report")
-@of_each("experiments")
+@of_each("standalone")
 def curves(_: Results, experiment: Experiment) -> pd.DataFrame | None:
-    """MRR* (points) by epoch of fine-tuning, with its interval: the first ten epochs, then every
+    """Learning curves at one size (Figure 3b)."""
+    return by_epoch(experiment)
+
+
+@table("report")
+@of_each("extended")
+def curves_transfer(_: Results, experiment: Experiment) -> pd.DataFrame | None:
+    """Learning curves of the transfer (Figure 4)."""
+    return by_epoch(experiment)
+
+
+def by_epoch(experiment: Experiment) -> pd.DataFrame | None:
+    """MRR (points) by epoch of fine-tuning, with its interval: the first ten epochs, then every
     fifth; earlier knowledge also as a change since before the insertion.
     """
     runs, by = experiment.curves, ["scope", "model", "epoch"]
     if runs.empty:
         return None
     shown = runs[(runs["epoch"] <= 10) | (runs["epoch"] % 5 == 0)]
-    means = over_seeds(shown, by, {"mrr_star": "MRR*"})
-    means = means.join(over_seeds(since_before(shown), by, {"mrr_star": "change"}))
-    rows = in_rows(means, experiment.models, [*experiment.rows, FINETUNE_ONLY], scope=_SCOPES)
-    return rows.assign(margin=100 * experiment.margin)
+    means = over_seeds(shown, by, {"mrr": "MRR"})
+    means = means.join(over_seeds(since_before(shown), by, {"mrr": "change"}))
+    models = [*experiment.rows, FINETUNE_ONLY]
+    return in_rows(means, experiment.models, models, scope=list(SCOPES))
 
 
 def since_before(runs: pd.DataFrame) -> pd.DataFrame:
-    """Runs in ``EARLIER`` minus MRR* of Θ⁰, which equals any initializer's MRR* in known_closed at
+    """Runs in ``EARLIER`` minus MRR of Θ⁰, which equals any initializer's MRR in known_closed at
     epoch 0.
     """
     shown = where(runs, scope=EARLIER)
     inserted = ~shown["model"].isin([JOINT, FINETUNE_ONLY])
     start = shown[(shown["scope"] == "known_closed") & (shown["epoch"] == 0) & inserted]
-    before = start.drop_duplicates(CELL).set_index(CELL)["mrr_star"].rename("before")
-    return shown.assign(mrr_star=shown["mrr_star"] - shown.join(before, on=CELL)["before"])
-
-
-@table("report")
-@of_each("standalone")
-def forgetting(_: Results, experiment: Experiment) -> pd.DataFrame | None:
-    """MRR* (points) about earlier knowledge: lowest, immediately, at the last epoch."""
-    runs = experiment.curves
-    if runs.empty:
-        return None
-    by = ["model", "scope"]
-    means = over_seeds(where(runs, scope=EARLIER), [*by, "epoch"], HALVES)
-    groups = means.groupby(level=by)
-    parts = [
-        groups[["MRR*"]].min().add_prefix("lowest "),
-        under(groups.head(1).droplevel("epoch"), "immediately"),
-        under(groups.tail(1).droplevel("epoch"), "at the end"),
-    ]
-    frame = pd.concat(parts, axis=1)
-    return in_rows(frame, experiment.models, [*experiment.rows, FINETUNE_ONLY], scope=EARLIER)
+    before = start.drop_duplicates(CELL).set_index(CELL)["mrr"].rename("before")
+    return shown.assign(mrr=shown["mrr"] - shown.join(before, on=CELL)["before"])
 
 
 # From simulation to real homes
 
 
 @table("report")
-def transfer(results: Results) -> Frames:
-    """The transfer (section 6.3): what was mined; MRR* right after insertion, and the paper's."""
-    frames = dict[str, pd.DataFrame]()
-    for experiment in results.extended:
-        name = experiment.name
-        frames[f"{name}_mined"] = _mined(results, experiment)
-        frames[f"{name}_immediate"] = _beside(experiment, results.paper["transfer"])
-    return frames
+@of_each("extended")
+def transfer_immediate(results: Results, experiment: Experiment) -> pd.DataFrame:
+    """MRR right after the transfer and epochs to convergence (section 6.3), with the paper's."""
+    of_paper = experiment is results.on(papers=True, extended=True)
+    theirs = results.paper["transfer"] if of_paper else {}
+    statistics, rows = experiment.statistics(), list[Line]()
+    epochs = experiment.finetuned and epochs_summary(experiment.convergence, ["model"])
+    for model in experiment.rows:
+        row: Line = {"model": experiment.models.labels[model]}
+        row |= bounded("weighted: MRR", statistics.weighted(model))
+        row |= bounded("weighted: by the paper's weights", statistics.by_papers_share(model))
+        row["weighted: paper"] = theirs.get("all_queries", {}).get(model)
+        row |= bounded("novel: MRR", statistics.novel(model))
+        row["novel: paper"] = theirs.get("novel_queries", {}).get(model)
+        row |= bounded("known: MRR", statistics.known(model))
+        row |= bounded("known: drop, %", statistics.drop(model))
+        row["known: drop, paper, %"] = theirs.get("drop", {}).get(model)
+        if model in experiment.finetuned:
+            of_model = epochs.loc[model]
+            row |= named(of_model, "mean", "epochs: mean")
+            row["epochs: do not end"] = of_model["do not end"]
+            row["epochs: paper"] = theirs.get("epochs", {}).get(model)
+        rows.append(row)
+    return pd.DataFrame(rows)
 
 
-def _beside(experiment: Experiment, paper: Mapping[str, Any]) -> pd.DataFrame:
-    """Measures right after insertion and epochs to convergence, with the paper's."""
-    columns = dict[str, Any]()
-    for scope in ("all", "novel"):
-        columns |= named(experiment.means(scope), "mean", f"{scope}: MRR*")
-        columns[f"{scope}: paper"] = paper[f"{scope}_queries"]
-    columns |= named(drops(experiment.immediate), "drop", "drop %")
-    columns["drop %: paper"] = paper["drop"]
-    for scope in CONVERGING:
-        epochs = where(experiment.convergence, scope=scope)
-        if epochs.empty:
-            continue
-        summary = epochs_summary(epochs, ["model"])
-        columns |= named(summary, "mean", f"epochs, {scope}: mean")
-        if scope == "all":
-            columns["epochs, all: paper"] = paper["epochs"]
-        columns |= named(summary, "unconverged %", f"epochs, {scope}: unconverged %")
-    return by_label(experiment.models, experiment.rows, columns)
+@table("report")
+def transfer_mined(results: Results) -> Frames:
+    """What was mined for the transfer (section 6.3), by experiment."""
+    return {f"{each.name}_mined": _mined(results, each) for each in results.extended}
 
 
 def _mined(results: Results, experiment: Experiment) -> pd.DataFrame:
@@ -363,7 +347,7 @@ def _mined(results: Results, experiment: Experiment) -> pd.DataFrame:
         f"of these, with at least {minimum} observations": int((unknown >= minimum).sum()),
         "drawn as candidates": int((entities["source"] == source).sum()),
         "unique triples of the candidates": int((triples["source"] == source).sum()),
-        "inserted in a repeat": sessions.steps * sessions.sizes[0],
+        "inserted in a repeat": sessions.sizes[0],
     }
     return pd.DataFrame({"": list(counts), "count": list(counts.values())})
 
@@ -449,28 +433,25 @@ def marked(answer: str, is_right: bool, likely: Names | None) -> str:
 
 
 @cache
-def answers_of(results: Results) -> AffordanceAnswers | None:
-    """The ranked answers of the first experiment that has some, read once for all tables."""
-    settings = results.params.affordances
-    for experiment in results.experiments:
-        ranks = experiment.analysis("affordances")
-        if ranks is None:
-            continue
-        entities, triples = experiment.entities, experiment.triples
-        tails = triples.loc[triples["relation"] == settings.relation, "tail"]
-        kinds = sorted(entities.loc[entities["entity"].isin(tails), "kind"].unique())
-        ranks = ranks.rename(columns={"initializer": "model"})
-        afforded = results.vocabulary["afforded"]
-        return AffordanceAnswers(experiment, ranks, settings.entities, kinds, afforded)
-    return None
+def answers_of(results: Results, experiment: Experiment) -> AffordanceAnswers | None:
+    """The ranked answers of an experiment, read once for all tables; None where it has none."""
+    settings, ranks = results.params.affordances, experiment.analysis("affordances")
+    if ranks is None:
+        return None
+    entities, triples = experiment.entities, experiment.triples
+    tails = triples.loc[triples["relation"] == settings.relation, "tail"]
+    kinds = sorted(entities.loc[entities["entity"].isin(tails), "kind"].unique())
+    ranks = ranks.rename(columns={"initializer": "model"})
+    shown, afforded = settings.entities[experiment.name], results.vocabulary["afforded"]
+    return AffordanceAnswers(experiment, ranks, shown, kinds, afforded)
 
 
 @table("report")
-def table3_affordances(results: Results) -> pd.DataFrame | None:
+@of_each("experiments")
+def table3_affordances(results: Results, experiment: Experiment) -> pd.DataFrame | None:
     """Table 3: ranked affordances of inserted entities, of ISI and Xavier, beside the paper's."""
-    answers = answers_of(results)
+    answers = answers_of(results, experiment)
     if answers is None:
         return None
-    experiment = answers.experiment
     shown = [*experiment.methods, *({BASELINE} & set(experiment.initializers))]
     return answers.rows(shown, results.paper["affordances"]["answers"])
