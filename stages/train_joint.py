@@ -3,7 +3,8 @@
 import pandas as pd
 
 from isi.evaluation.changes import change_rows, with_weighted_changes
-from isi.evaluation.query_sets import SCOPES, with_weighted
+from isi.evaluation.query_sets import with_weighted
+from isi.evaluation.scopes import SCOPES
 from isi.experiment.breakdown import break_down, write_queries
 from isi.experiment.grid import JOINT_MODEL, known_shares
 from isi.experiment.runner import run, stack_height

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING
 
 from torch import Tensor
 
-from isi.evaluation.query_sets import GROUPS, times_observed
+from isi.evaluation.query_sets import times_observed
 from isi.evaluation.ranking import Queries, make_queries, padded_ids
+from isi.evaluation.scopes import GROUPS
 from isi.graph.sessions import TEST, TRAIN, VALID, Session, membership, touches
 
 if TYPE_CHECKING:

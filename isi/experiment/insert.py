@@ -15,8 +15,9 @@ from torch import Tensor
 from isi.config import Count, Fraction, Names, Option, Section
 from isi.errors import InputError
 from isi.evaluation.changes import CHANGES, change_rows, with_weighted_changes
-from isi.evaluation.query_sets import SCOPES, with_weighted
+from isi.evaluation.query_sets import with_weighted
 from isi.evaluation.ranking import Queries
+from isi.evaluation.scopes import SCOPES
 from isi.experiment.breakdown import QUERY_BREAKDOWN, break_down
 from isi.experiment.grid import JOINT_MODEL, GridPoints, known_shares
 from isi.experiment.runner import Compute, run

@@ -13,8 +13,8 @@ import torch
 
 from isi.errors import InputError
 from isi.evaluation.changes import CHANGES
-from isi.evaluation.query_sets import GROUPS, SCOPES
 from isi.evaluation.ranking import MEASURES
+from isi.evaluation.scopes import GROUPS, SCOPES
 from isi.experiment.grid import GridPoints
 from isi.graph.graph import ENTITIES, TRIPLES, Graph, GraphTables, build_graph
 from isi.graph.sessions import (

@@ -5,7 +5,7 @@ from typing import Any
 
 import pandas as pd
 
-from isi.evaluation.query_sets import SCOPES
+from isi.evaluation.scopes import SCOPES
 from isi.report.charts import Panel, bars, dots, lines, places
 
 #: Initializers that lines name; others are in the tables.

@@ -14,7 +14,7 @@ from jinja2.utils import htmlsafe_json_dumps
 from markdown_it import MarkdownIt
 from markupsafe import Markup
 
-from isi.evaluation.query_sets import SCOPES
+from isi.evaluation.scopes import SCOPES
 from isi.pipeline import missing
 from isi.report import charts, figures
 from isi.report.explorer import TEMPLATES, script

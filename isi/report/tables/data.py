@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any, Self
 import pandas as pd
 
 from isi import config
-from isi.evaluation.query_sets import SCOPES, epochs_to_convergence
+from isi.evaluation.query_sets import epochs_to_convergence
+from isi.evaluation.scopes import SCOPES
 from isi.report.tables.estimates import (
     CELL,
     Names,

@@ -12,7 +12,7 @@ import pandas as pd
 from isi import config
 from isi.config import value_of
 from isi.evaluation.changes import CHANGES
-from isi.evaluation.query_sets import GROUPS
+from isi.evaluation.scopes import GROUPS
 from isi.report.tables.data import JOINT, TITLES, Experiment, Results
 from isi.report.tables.estimates import BASELINE, CELL, Estimate, Line, bounded, where
 from isi.report.tables.forms import ANY_SIZE

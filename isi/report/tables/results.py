@@ -9,7 +9,7 @@ from typing import Any
 
 import pandas as pd
 
-from isi.evaluation.query_sets import SCOPES
+from isi.evaluation.scopes import SCOPES
 from isi.graph.graph import MinedSource, new_entities
 from isi.report.tables.data import (
     DIRECTIONS,
