@@ -25,8 +25,8 @@ LABELS = ("label", "name")  #: Attributes that name a node; yEd, igraph, Gephi a
 
 @reader("graphml", Naming(), path="path", suffixes=(".graphml",))
 def graphml(mining: Mining, path: str, names: str | None = None) -> Iterator[Observation]:
-    """Observations of GraphML, read as a whole: an edge has a ``relation``, else a ``label``, and
-    perhaps a ``count``.
+    """Observations of GraphML, read as a whole by networkx: an edge has a ``relation``, else a
+    ``label``, and perhaps a ``count``.
 
     ``names``: the attribute of nodes that names them, or ``id``; None: the first of ``LABELS`` that
     a node has. A node without it is named by its id, and nodes that share a name by both.
@@ -37,8 +37,15 @@ def graphml(mining: Mining, path: str, names: str | None = None) -> Iterator[Obs
     nodes: dict[str, dict[str, Any]] = dict(graph.nodes(data=True))
     if names not in (None, "id") and not any(names in attributes for attributes in nodes.values()):
         raise InputError(path, f"names {names}", "expected an attribute of nodes of this file")
-    labels = _labels(nodes, names)
-    name_of = _unique(labels)
+    sought = () if names == "id" else (names,) if names else LABELS
+    labels = {node: _label(attributes, sought) or node for node, attributes in nodes.items()}
+    number = Counter(labels.values())
+    name_of = {
+        node: label if number[label] == 1 or label == node else f"{label} ({node})"
+        for node, label in labels.items()
+    }
+    if len(set(name_of.values())) < len(name_of):
+        raise InputError(path, "", "a label is the name of another node, too (names=id)")
     for node, attributes in nodes.items():
         name = name_of[node]
         if name != labels[node]:
@@ -48,24 +55,18 @@ def graphml(mining: Mining, path: str, names: str | None = None) -> Iterator[Obs
             if key in attributes:
                 with at(path, f"node {cut(name)}"):
                     given[name] = config.check(attributes[key], Name, key, "")
-    for number, (head, tail, attributes) in enumerate(graph.edges(data=True), 1):
+    for place, (head, tail, attributes) in enumerate(graph.edges(data=True), 1):
         if "rank" in attributes:
             mining.counts[PREDICTIONS] += 1
             continue
-        with at(path, f"edge {number}"):
-            relation = attributes.get("relation") or _label(attributes, ["label"]) or None
-            triple: dict[str, Any] = {
-                "head": name_of[head],
-                "relation": relation,
-                "tail": name_of[tail],
-            }
-            for key, value in triple.items():
-                config.check(value, Name, key, "")
+        with at(path, f"edge {place}"):
+            relation = _label(attributes, ("relation", "label"))
+            config.check(relation, Name, "relation", "")
             count = attributes.get("count", 1)
             if isinstance(count, float) and count.is_integer():  # as igraph and Gephi write it
                 count = int(count)
-            count = config.check(count, Count, "count", "")
-        yield None, None, None, *triple.values(), count
+            config.check(count, Count, "count", "")
+        yield None, None, None, name_of[head], relation, name_of[tail], count
 
 
 def _read(path: str) -> Any:
@@ -79,33 +80,9 @@ def _read(path: str) -> Any:
     except (nx.NetworkXError, ParseError, ValueError, KeyError, TypeError) as error:
         raise InputError(path, "", f"expected GraphML ({cut(str(error), 120)})") from error
     if not graph.is_directed():
-        raise InputError(
-            path, "graph", "expected edgedefault directed: an edge leads from head to tail"
-        )
+        expected = "expected edgedefault directed: an edge leads from head to tail"
+        raise InputError(path, "graph", expected)
     return graph
-
-
-def _labels(nodes: dict[str, dict[str, Any]], names: str | None) -> dict[str, str]:
-    """The label of each node, or its id; ``names``: the setting."""
-    if names == "id":
-        return {node: node for node in nodes}
-    sought = [names] if names else LABELS
-    return {node: _label(attributes, sought) or node for node, attributes in nodes.items()}
-
-
-def _unique(labels: dict[str, str]) -> dict[str, str]:
-    """The labels of nodes, with the id behind where several nodes share one."""
-    number = Counter(labels.values())
-    names = {
-        node: f"{label} ({node})" if number[label] > 1 and label != node else label
-        for node, label in labels.items()
-    }
-    shared = Counter(names.values())
-    for node, name in names.items():  # one that was made up may be the label of another node
-        if shared[name] > 1:
-            expected = "expected another label: it is the name of two nodes (names=id)"
-            raise InputError("", f"node {node!r:.80}", f"{expected}, got {name!r:.80}")
-    return names
 
 
 def _label(attributes: dict[str, Any], names: Sequence[str]) -> str:
