@@ -2,7 +2,7 @@
 and tell what the next map has.
 
 ``python examples/scene_graph.py [MAP.json ...]``. A map is JSON of rooms with objects, as below, an
-AI2-THOR event, or a file of Hydra's ``DynamicSceneGraph.save``; the reader is guessed from its
+AI2-THOR event, or a file of Hydra's ``DynamicSceneGraph.save``; the reader follows from its
 content.
 """
 

@@ -37,6 +37,7 @@ ARRAYS: dict[str, Any] = {"model": "distmult", "relation_names": BETWEEN}
         (["?valueLabel", "?propLabel", "?item"], [2, 1, 0]),
         (["e1", "rel", "e2", "Count"], [0, 1, 2]),
         (["node1", "label", "node2"], [0, 1, 2]),
+        (["head", "relation", "object"], [0, 1, 2]),
         (["Head_Entity", "relation_id", "tailEntity", "scene"], [0, 1, 2]),
         ([" Head ", "rel", "TAIL"], [0, 1, 2]),
     ],
@@ -53,7 +54,6 @@ def test_columns_are_found_by_name(columns: list[str], expected: list[int]) -> N
         ["from", "to", "source", "target", "rel"],
         ["head", "rel", "predicate", "tail"],
         ["Head", "head", "rel", "tail"],
-        ["head", "relation", "object"],
         [],
     ],
 )
@@ -143,7 +143,7 @@ def test_every_function_reads_columns_by_name(function: Callable[[Any], object])
     assert function(frame[["Object", "Subject", "Predicate"]]) == expected
     assert function(pd.DataFrame(FACTS)) == expected
     with pytest.raises(InputError, match="columns: expected the columns"):
-        function(frame.rename(columns={"Predicate": "edge"}))
+        function(frame.rename(columns={"Predicate": "sort"}))
 
 
 @pytest.mark.parametrize("column", ["weight", "n", "split", "label", "headLabel"])

@@ -194,7 +194,7 @@ def test_a_stream_of_another_format_needs_a_reader(folder: Path) -> None:
     home = '{"rooms": [{"name": "kitchen", "objects": ["mug"]}]}'
     done = run(f"echo '{home}' | isi graph -", folder)
     assert done.returncode == 1
-    assert re.fullmatch("isi graph: .*guessed reader: table; --reader .*\\n", done.stderr)
+    assert re.fullmatch("isi graph: .*read by table; --reader .*\\n", done.stderr)
     assert run(f"echo '{home}' | isi graph --reader rooms -", folder).returncode == 0
     triple = "<urn:x:mug> <urn:x:at> <urn:x:kitchen> ."
     assert run(f"echo '{triple}' | isi graph --reader rdf -", folder).returncode == 0

@@ -1,15 +1,12 @@
-"""A user's tables of triples: long ones, Parquet, pipes, and other compressions
+"""A user's tables of triples: long ones, Parquet and pipes
 (`read_files.yaml` has what is written in text).
 """
 
-import bz2
 import gzip
-import lzma
 import os
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
-from zipfile import ZipFile
 
 import pandas as pd
 import pyarrow as pa
@@ -17,7 +14,6 @@ import pyarrow.parquet as pq
 import pytest
 
 from isi.errors import InputError
-from isi.graph.files import read_graph
 from isi.sources import Source
 from tests.observing import TRIPLE, observe, refused, written
 
@@ -32,7 +28,7 @@ def test_a_long_table_is_read_chunk_by_chunk(
     path = written(tmp_path / "log.csv", "head,relation,tail\n" + "a,r,b\n" * 10_001 + "a,r\n")
     parts = Source({"reader": "table", "path": str(path)}, "sources.mine", 0).frames()
     assert len(next(parts)) == 500
-    with pytest.raises(InputError, match=r"line 10003: .*expected 3 columns, got 2"):
+    with pytest.raises(InputError, match="line 10003: tail: expected a name"):
         list(parts)
 
 
@@ -61,26 +57,17 @@ def test_a_broken_parquet_table_is_refused_by_its_row(
     refused("table", tmp_path / "a.parquet", ["a.parquet", *expected])
 
 
-def test_a_line_that_is_too_long_is_called_so(tmp_path: Path) -> None:
-    long = "head,relation,tail\na,at,b\na,at," + "x" * 2**20
-    refused(
-        "table",
-        written(tmp_path / "a.csv", long),
-        ["a.csv: line 3", "line longer than 1,048,576 bytes"],
-    )
-
-
 # Parquet by other programs
 
 
-@pytest.mark.parametrize("type_", ["float64", "float32", "category"])
+@pytest.mark.parametrize("type_", ["float64", "float32"])
 def test_floats_of_whole_numbers_are_named_as_whole_numbers(tmp_path: Path, type_: str) -> None:
-    frame = pd.DataFrame({"head": [1.0, 2.0**60, 0.5], "relation": "at", "tail": "kitchen"})
+    frame = pd.DataFrame({"head": [1.0, 2.0**60], "relation": "at", "tail": "kitchen"})
     frame.astype({"head": type_}).to_parquet(tmp_path / "a.parquet")
     names = [head for (head,) in observe("table", tmp_path / "a.parquet").rows("head")]
-    assert names == ["1", "1152921504606846976", "0.5"]
+    assert names == ["1", "1152921504606846976"]
     for missing in (float("nan"), None):
-        heads = pa.array([1.0, missing, 0.5], pa.float64())
+        heads = pa.array([1.0, missing], pa.float64())
         table = pa.table(frame).set_column(0, "head", heads)
         pq.write_table(table, tmp_path / "b.parquet")
         refused("table", tmp_path / "b.parquet", ["row 2", "head", "got none"])
@@ -125,19 +112,3 @@ def test_a_pipe_is_read_once(tmp_path: Path, name: str, packed: bool) -> None:
         written_all = pool.submit(path.write_bytes, content)
         assert observe("table", path).rows(*TRIPLE) == rows
         assert written_all.result(timeout=10) == len(content)
-
-
-PACKED = {"bz2": bz2.compress, "xz": lzma.compress, "zip": None}
-
-
-@pytest.mark.parametrize("suffix", PACKED)
-def test_other_compressions_are_refused_with_a_command(tmp_path: Path, suffix: str) -> None:
-    path, content = tmp_path / f"a.csv.{suffix}", b"head,relation,tail\nmug,at,kitchen\n"
-    if pack := PACKED[suffix]:
-        path.write_bytes(pack(content))
-    else:
-        with ZipFile(path, "w") as archive:
-            archive.writestr("a.csv", content)
-    refused("table", path, [path.name, "gzip", "--reader NAME -"])
-    with pytest.raises(InputError, match="--reader NAME -"):
-        read_graph([path])

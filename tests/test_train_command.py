@@ -234,10 +234,8 @@ def test_a_count_of_millions_costs_no_more_than_small_ones(entities: int, triple
 def test_what_a_reader_counts_is_a_warning_in_python(tmp_path: Path) -> None:
     path = tmp_path / "home.csv"
     pd.DataFrame(HOMES).to_csv(path, index=False, header=["Thing", "Link", "Other thing"])
-    with (
-        pytest.warns(UserWarning, match=f"without a header.*: {len(HOMES) + 1}"),
-        pytest.warns(UserWarning, match="first line.*'Thing Link Other thing'"),
-    ):
+    told = f"without a header.*'Thing Link Other thing': {len(HOMES) + 1}"
+    with pytest.warns(UserWarning, match=told):
         isi.train(path, dimension=8, budget=0.1)
 
 

@@ -82,24 +82,6 @@ def test_files_that_gensim_writes_are_read_back(tmp_path: Path) -> None:
         np.testing.assert_array_equal(words.read_vectors(tmp_path / "saved").vectors, saved.vectors)
 
 
-@pytest.mark.parametrize("token", ["b", "bo", "bow", "bowl", "bowls"])
-def test_long_lines_of_text_are_not_taken_for_binary_wherever_a_number_is_cut(
-    tmp_path: Path, token: str
-) -> None:
-    read = loaded(tmp_path / "wide.txt", text({token: [-0.5] * 900, "mug": [0.25] * 900}))
-    np.testing.assert_array_equal(read.vectors[:, 0], [-0.5, 0.25])
-
-
-# the bytes of the last are spaces and "0"
-@pytest.mark.parametrize("value", [0.0, 1.0, 6.0139e-36])
-def test_binary_vectors_are_known_as_such_whatever_their_bytes(
-    tmp_path: Path, value: float
-) -> None:
-    read = loaded(tmp_path / "words.bin", binary({"mug": [value] * 3, "bowl": [1.0, 2.0, 3.0]}))
-    assert read.index_to_key == ["mug", "bowl"]
-    np.testing.assert_allclose(read["bowl"], [1, 2, 3])
-
-
 @pytest.mark.parametrize("form", [text, binary, glove])
 def test_a_token_that_is_there_twice_keeps_its_first_vector(
     tmp_path: Path, form: Callable[[dict[str, list[float]]], bytes]

@@ -30,7 +30,7 @@ def graph(
     /,
     *,
     reader: Annotated[
-        str | None, Parameter(help="name of a reader; default: guessed from the file")
+        str | None, Parameter(help="name of a reader; default: by the suffix")
     ] = None,
     set: Annotated[
         Settings, Parameter(help="KEY=VALUE: a setting of the reader, as in params.yaml")

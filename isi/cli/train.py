@@ -45,7 +45,7 @@ def train(
     ] = None,
     seed: Annotated[int, Parameter(validator=FROM_ZERO, help="seed of everything random")] = 0,
     reader: Annotated[
-        str | None, Parameter(help="name of a reader; default: guessed from the file")
+        str | None, Parameter(help="name of a reader; default: by the suffix")
     ] = None,
     set: Annotated[Settings, Parameter(help="KEY=VALUE: a setting of the reader")] = (),
     min_count: Annotated[

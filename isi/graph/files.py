@@ -2,23 +2,32 @@
 each read by a named reader or by the one that fits it.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
-from isi.errors import InputError, short
+from isi.columns import COUNT
+from isi.errors import InputError
 from isi.graph.graph import GraphTables, MinedSource, build_tables
-from isi.names import first_of
 from isi.sources import READERS, Source
 from isi.sources.names import ENTITY
-from isi.sources.readers import COUNT, MOST, json_lines, open_bytes, parse_json, suffix_of
+from isi.sources.readers import MOST, json_lines, parse_json, suffix_of
 from isi.sources.triples import ENTITIES_FILE, TRIPLE, TRIPLES_FILE
 from isi.tables import paths
 
-JSON = (".json", ".jsonl")  #: Suffixes of files whose reader is guessed from their content.
+JSON = (".json", ".jsonl")
+#: Readers of JSON by the key of its first value that tells them, in this order; a list is of
+#: scenes.
+OF_JSON = {
+    "rooms": "rooms",
+    "nodes": "spark_dsg",
+    "format": "ai2thor",
+    "kitchens": "ai2thor",
+    "objects": "ai2thor_scene",
+    "metadata": "ai2thor_scene",
+}
 
 
 def read_graph(
@@ -29,7 +38,7 @@ def read_graph(
     seed: int = 0,
 ) -> tuple[GraphTables, dict[str, dict[str, Any]]]:
     """The graph of files or folders, and by file the name of its reader
-    (guessed if None) and what that counted.
+    (that of ``reader_of`` if None) and what that counted.
 
     ``ROOM=FILE`` gives the scenes of a file a room. ``settings`` are those of the reader;
     ``min_count``: triples with fewer observations are dropped. InputError for a file that cannot be
@@ -38,19 +47,19 @@ def read_graph(
     seen, kinds, read = [], [], {}
     paths_read = set[Path]()
     for number, file in enumerate(files):
-        room, path = _room_and_path(file)
-        name = reader or guess(path)
-        whole = path.resolve() if path.exists() else path
-        if whole in paths_read:
+        path = path_of(file)
+        if path.resolve() in paths_read:
             raise InputError(file, "", "is given twice: each of its observations would count twice")
-        paths_read.add(whole)
-        is_guess = reader is None and (suffix_of(path) in JSON or _is_stream(path))
-        with _suggesting_a_reader(name) if is_guess else nullcontext():
-            source = _open(name, path, room, settings or {}, seed)
-            seen += [
-                part.groupby(TRIPLE, sort=False)[COUNT].sum().reset_index()
-                for part in source.frames()
-            ]
+        paths_read.add(path.resolve())
+        name = reader or reader_of(path)
+        source = _open(name, file, settings or {}, seed)
+        try:
+            for part in source.frames():
+                seen.append(part.groupby(TRIPLE, sort=False)[COUNT].sum().reset_index())
+        except InputError as error:
+            guessed = reader is None and suffix_of(path) in (*JSON, "")
+            message = error.message + f" (read by {name}; --reader names another)" * guessed
+            raise InputError(error.file, error.place, message) from error
         kinds.append(source.kinds.assign(file=number))
         # a path may hold bytes that are no text
         shown = str(file).encode(errors="backslashreplace").decode()
@@ -77,85 +86,57 @@ def graph_files(tables: GraphTables) -> dict[str, str]:
 
 
 def path_of(file: str | Path) -> Path:
-    """The path of ``FILE`` or ``ROOM=FILE``."""
-    return _room_and_path(file)[1]
-
-
-def _room_and_path(file: str | Path) -> tuple[str, Path]:
-    """The room (empty without one) and the path of ``FILE`` or ``ROOM=FILE``;
-    a path may contain an equals sign.
-    """
+    """The path of ``FILE`` or ``ROOM=FILE``; a path may contain an equals sign."""
     room, _, path = str(file).partition("=")
     if room and path and not Path(file).exists() and Path(path).exists():
-        return room, Path(path)
-    return "", Path(file)
+        return Path(path)
+    return Path(file)
 
 
-@contextmanager
-def _suggesting_a_reader(name: str) -> Iterator[None]:
-    """Errors inside say that the reader was guessed, and how to name another one."""
-    try:
-        yield
-    except InputError as error:
-        message = f"{error.message} (guessed reader: {name}; --reader names another)"
-        raise InputError(error.file, error.place, message) from error
-
-
-def _open(name: str, path: Path, room: str, given: Mapping[str, Any], seed: int) -> Source:
-    """The source of a file with a reader; ``room``: that of the file's scenes, or empty."""
-    try:
-        known = READERS.get(name, "--reader")
-        if known.path is None:
-            raise InputError(
-                f"reader {name}", "", "expected a reader of files: this one reads shipped data"
-            )
-        slot = known.path.removesuffix("_")
-        for key in {"reader", slot} & set(given):
-            raise InputError(
-                "--set", key, "expected another setting: FILE or --reader gives this one"
-            )
-        in_room = {"room": room} if room else {}
-        section = {"reader": name, **known.defaults, slot: str(path), **given, **in_room}
-        return Source(section, f"{room}={path}" if room else "--set", seed)
-    except InputError as error:
-        raise (
-            InputError("", *error.args[1:]) if error.file == str(paths.PARAMS) else error
-        ) from error
-
-
-def guess(file: Path) -> str:
-    """The first reader that fits a file's suffix or JSON, or the files of a folder; ``table`` for a
-    stream without a suffix. ``InputError`` if none fits.
+def reader_of(file: Path) -> str:
+    """The reader of a file's suffix, of its JSON or of the files of a folder; ``table`` without a
+    suffix. ``InputError`` if none fits.
     """
     if not file.exists():
         raise InputError(file, "", "no such file")
-    known, suffix = {name: READERS.get(name) for name in READERS.names()}, suffix_of(file)
-    got = ""
+    suffix = suffix_of(file)
     names = {path.name for path in file.iterdir()} if file.is_dir() else {suffix}
-    fitting = [name for name, reader in known.items() if not names.isdisjoint(reader.suffixes)]
-    is_stream = _is_stream(file)  # which can be read once only, by its reader
-    if is_stream and not suffix:
+    for name in READERS.names():
+        if not names.isdisjoint(READERS.get(name).suffixes):
+            return name
+    if not suffix and not file.is_dir():
         return "table"
-    if not fitting and not is_stream and suffix in JSON:
-        _, content = next(json_lines(file, None, MOST, "JSON"), (1, b""))
+    if suffix in JSON and file.is_file():
+        _, content = next(json_lines(file, MOST, "JSON"), (1, b"null"))
         value = parse_json(Any, content, file)
-        fitting = [name for name, reader in known.items() if reader.reads_json(value)]
-        keys = f"the keys {first_of(list(value))}" if isinstance(value, dict) else short(value)
-        got = f", got JSON with {keys}"
-    if not fitting:
-        if file.is_file():
-            with open_bytes(file):  # refuses what other programs have compressed
-                pass
-        expected = (
-            f"expected a file of a known format{got}; --reader names its reader: {', '.join(known)}"
-        )
-        raise InputError(file, "", expected)
-    return fitting[0]
+        fitting = [
+            name for key, name in OF_JSON.items() if isinstance(value, dict) and key in value
+        ]
+        if fitting or isinstance(value, list):
+            return fitting[0] if fitting else "ai2thor_scene"
+    expected = "expected a file of a known format; --reader names its reader"
+    raise InputError(file, "", f"{expected}: {', '.join(READERS.names())}")
 
 
-def _is_stream(path: Path) -> bool:
-    """Whether a path is a pipe, or a shell's name of one: ``/dev/stdin``, ``/dev/fd/63``."""
-    return path.is_relative_to("/dev") or path.is_fifo()
+def _open(name: str, file: str | Path, given: Mapping[str, Any], seed: int) -> Source:
+    """The source of a file with a reader."""
+    path = path_of(file)
+    try:
+        known = READERS.get(name, "--reader")
+        if known.path is None:
+            expected = "expected a reader of files: this one reads shipped data"
+            raise InputError(f"reader {name}", "", expected)
+        slot = known.path.removesuffix("_")
+        for key in {"reader", slot} & set(given):
+            expected = "expected another setting: FILE or --reader gives this one"
+            raise InputError("--set", key, expected)
+        in_room = {} if path == Path(file) else {"room": str(file).partition("=")[0]}
+        section = {"reader": name, **known.defaults, slot: str(path), **given, **in_room}
+        return Source(section, str(file) if in_room else "--set", seed)
+    except InputError as error:
+        if error.file == str(paths.PARAMS):  # there are none
+            raise InputError("", *error.args[1:]) from error
+        raise
 
 
 def _one_kind_each(kinds: pd.DataFrame, files: Sequence[str | Path]) -> pd.DataFrame:

@@ -7,7 +7,6 @@ import logging
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -35,7 +34,7 @@ COVERAGE = Table(
 
 #: Largest magnitude of a number in a vector; those of word2vec and GloVe are below 100.
 LARGEST = 1e6
-CHUNK = 2**21  #: Maximal bytes of a line of text.
+START = 4096  #: Bytes that tell the format.
 
 
 class Words(Section):
@@ -117,18 +116,27 @@ def read_vectors(path: Path) -> KeyedVectors:
     """
     with extra("words-file"):
         from gensim.models import KeyedVectors
+        from smart_open import open as open_any
 
     logging.getLogger("gensim").setLevel(logging.ERROR)
-    form = "expected word vectors in word2vec or GloVe format"
     try:
-        with at(path):
-            has_header, is_binary = _check_whole(path)
+        with open_any(path, "rb") as file:
+            first, start = file.readline(START), file.read(START)
+        header = re.fullmatch(rb"(?:\xef\xbb\xbf)?([0-9]{1,9})[ \t]+[0-9]+\s*", first)
+        is_binary = header is not None and not _is_text(start)
+        if not is_binary:  # gensim takes a number that is cut for a whole one
+            with open_any(path, "rb") as file:
+                lines = [(line.endswith(b"\n"), line.rstrip().count(b" ")) for line in file]
+            forms = {*lines[1:]} if header else {*lines}
+            if len(forms) != 1 or min(forms) < (True, 1):
+                raise ValueError("a line is cut, or has too few or too many numbers")
+            if header and len(lines) != 1 + int(header[1]):
+                raise ValueError("line 1 says another number of vectors")
         words = KeyedVectors.load_word2vec_format(
-            str(path), binary=is_binary, no_header=not has_header, encoding="utf-8-sig"
+            str(path), binary=is_binary, no_header=header is None, encoding="utf-8-sig"
         )
-    except InputError:
-        raise
     except Exception as error:  # each compression format has its own exceptions
+        form = "expected word vectors in word2vec or GloVe format"
         raise InputError(path, "", f"{form} ({cut(str(error))})") from error
     broken = np.flatnonzero(~(np.abs(words.vectors).max(axis=1) <= LARGEST))  # NaN, too
     if len(broken):
@@ -137,48 +145,10 @@ def read_vectors(path: Path) -> KeyedVectors:
     return words
 
 
-def _check_whole(path: Path) -> tuple[bool, bool]:
-    """Whether a file has a header, and whether it is binary; InputError if it is cut short.
-
-    gensim takes a number cut in the middle for a whole one, one number for a vector of equal ones,
-    and reserves memory for all vectors that a header promises.
-    """
-    with extra("words-file"):
-        from smart_open import open as open_any
-
-    with open_any(path, "rb") as file:
-        header, start = file.readline(CHUNK), file.read(4096)
-    sizes = re.fullmatch(
-        rb"([0-9]{1,9})[ \t]+([0-9]{1,9})\s*", header.removeprefix(codecs.BOM_UTF8)
-    )
-    count, dimension = map(int, sizes.groups()) if sizes else (0, header.rstrip().count(b" "))
-    with open_any(path, "rb") as file:
-        if sizes and _is_binary(start):
-            chunks = iter(partial(file.read, CHUNK), b"")
-            if sum(map(len, chunks)) < count * 4 * dimension:
-                expected = f"expected {count} vectors of {dimension} numbers, as line 1 says"
-                raise InputError("", "", f"is cut short: {expected}")
-            return True, True
-        lines = 0
-        for number, line in enumerate(iter(partial(file.readline, CHUNK), b""), 1):
-            if number == 1 and sizes:
-                continue
-            token, *numbers = line.rstrip().split(b" ")
-            if not token or not len(numbers) == dimension > 0 or not line.endswith(b"\n"):
-                expected = f"expected a token, {dimension or 'its'} numbers and a line end"
-                raise InputError("", f"line {number}", f"{expected}, got {short(line[-40:])}")
-            lines += 1
-    if lines != (count if sizes else max(1, lines)):
-        raise InputError("", "line 1", f"expected {max(1, count)} vectors after it, got {lines}")
-    return bool(sizes), False
-
-
-def _is_binary(start: bytes) -> bool:
-    """Whether the bytes after a header are binary vectors:
-    they are not UTF-8 or contain control characters.
-    """
+def _is_text(start: bytes) -> bool:
+    """Whether bytes are UTF-8, perhaps cut at the end, without control characters."""
     try:
-        codecs.getincrementaldecoder("utf-8")().decode(start)
+        text = codecs.getincrementaldecoder("utf-8")().decode(start)
     except UnicodeDecodeError:
-        return True
-    return re.search(rb"[^\t\n\r\x20-\xff]", start) is not None
+        return False
+    return re.search(r"[^\t\n\r\x20-\U0010ffff]", text) is None

@@ -23,7 +23,7 @@ import torch
 from torch import Tensor
 from tqdm import tqdm
 
-from isi.columns import TRIPLE
+from isi.columns import COUNT, TRIPLE
 from isi.config import Count, Option, Positive, Seed, check
 from isi.errors import InputError, at
 from isi.evaluation.filtered import EndQueries, end_queries, random_ranks
@@ -62,7 +62,7 @@ from isi.models.model import MODELS, compared_models
 from isi.models.stack import Embedding, NotFinite, select, usual_torch
 from isi.sources.names import ENTITY, Naming
 from isi.sources.names import Name as KindName
-from isi.sources.readers import COUNT, check_names, cleaned
+from isi.sources.readers import check_names, cleaned
 from isi.sources.triples import naming
 from isi.tables.rules import MOST_OBSERVED
 from isi.training.batches import DENSE_LIMIT, Negatives, is_dense, scaled_counts

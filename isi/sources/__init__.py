@@ -78,8 +78,6 @@ class Reader:
     path: str | None = None  #: name of the setting that holds the path to read; None: shipped files
     #: suffixes of the files that it reads, names of files in the folders that it reads
     suffixes: Collection[str] = ()
-    #: whether it reads JSON with this first value
-    reads_json: Callable[[Any], bool] = lambda _value: False
     #: default settings in ``isi graph FILE``
     defaults: Mapping[str, Any] = field(default_factory=dict)
 

@@ -59,11 +59,11 @@ MISSING, ITSELF, IN_CYCLE, NOT_THERE, ELSEWHERE = PROBLEMS
 MaterialsOf = Callable[[int, Sequence[SceneObject]], list[Sequence[str]]]
 
 
-def _register(simulator: str, **known: Any) -> None:
+def _register(simulator: str) -> None:
     """Register a reader of a simulator's recorded scenes, under the simulator's name."""
     file_alone = {"sha256": None, "materials": "simulator", "broken": "error"}
 
-    @reader(simulator, household, path="from_", defaults=file_alone, **known)
+    @reader(simulator, household, path="from_", defaults=file_alone)
     def read(
         mining: Mining,
         from_: str,
@@ -86,32 +86,15 @@ def _register(simulator: str, **known: Any) -> None:
         )
 
 
-def _is_scene(value: Any) -> bool:
-    """Whether JSON is an event, or a list of events or objects; JSON-LD is also a list."""
-    if isinstance(value, list):
-        return not (value and isinstance(value[0], dict) and "@id" in value[0])
-    return _is_event(value)
-
-
 def _is_event(value: Any) -> bool:
-    others = {"rooms", "nodes"}
-    return (
-        isinstance(value, dict)
-        and others.isdisjoint(value)
-        and not {"objects", "metadata"}.isdisjoint(value)
-    )
+    return isinstance(value, dict) and not {"objects", "metadata"}.isdisjoint(value)
 
 
-_register(
-    "ai2thor",
-    reads_json=lambda value: (
-        isinstance(value, dict) and not {"format", "kitchens"}.isdisjoint(value)
-    ),
-)
+_register("ai2thor")
 _register("robothor")
 
 
-@reader("ai2thor_scene", household, path="path", reads_json=_is_scene)
+@reader("ai2thor_scene", household, path="path")
 def ai2thor_scene(
     mining: Mining,
     path: str,
@@ -153,7 +136,7 @@ def ai2thor_scene(
 
 def _events(path: Path) -> Iterator[tuple[str, Any]]:
     """Yield (place, event) for each event of a file."""
-    for number, content in json_lines(path, None, MOST, "a scene"):
+    for number, content in json_lines(path, MOST, "a scene"):
         place = f"line {number}" * (number > 1)
         value = parse_json(Any, content, path, place)
         if isinstance(value, list) and any(map(_is_event, value)):

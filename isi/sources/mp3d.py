@@ -10,10 +10,11 @@ from typing import Annotated
 from pydantic import Field, ValidationInfo, field_validator
 
 from isi import config
+from isi.columns import COUNT
 from isi.config import Section
 from isi.sources import Mining, Observation, reader
 from isi.sources.names import AT_LOCATION, household
-from isi.sources.readers import COUNT, check_names, check_settings, read_table, refuse
+from isi.sources.readers import check_names, check_settings, read_table, refuse
 from isi.tables import paths
 
 #: Descriptions of counts: the instances that remain after each step.

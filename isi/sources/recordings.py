@@ -167,7 +167,7 @@ def read_recording(
 
 
 def _packaged_scenes(path: Path, plans: Iterable[FloorPlans]) -> Iterator[Scene]:
-    _, content = next(json_lines(path, None, MOST_BYTES_WHOLE, "JSON"), (1, b""))
+    _, content = next(json_lines(path, MOST_BYTES_WHOLE, "JSON"), (1, b""))
     recording = parse_json(dict[str, Any], content, path)
     for listed in plans:
         names = listed.packaged or listed.names
@@ -188,7 +188,6 @@ def _recorded_scenes(path: Path, plans: Iterable[FloorPlans]) -> Iterator[Scene]
     }
     lines = json_lines(
         path,
-        None,
         MOST_BYTES,
         "a whole gzip file (`make record` resumes after the last whole scene)",
     )

@@ -43,11 +43,7 @@ _Room: Any = create_model("Room", name=_of(Name, "name", "type", "id"), objects=
 _Home: Any = create_model("Home", rooms=(list[_Room], ...))
 
 
-def _is_home(value: Any) -> bool:
-    return isinstance(value, dict) and "rooms" in value and "objects" not in value
-
-
-@reader("rooms", Naming(household=True), path="path", reads_json=_is_home)
+@reader("rooms", Naming(household=True), path="path")
 def rooms(mining: Mining, path: str) -> Iterator[Observation]:
     """Observations of the rooms of a home (JSON), or of each line (JSON Lines):
     its state at a time.
@@ -56,7 +52,7 @@ def rooms(mining: Mining, path: str) -> Iterator[Observation]:
     (a name, or the id of an object), ``material`` and ``affordance`` (each a name or a list). What
     several states have counts once.
     """
-    lines = json_lines(Path(path), None, MOST, "a home's rooms")
+    lines = json_lines(Path(path), MOST, "a home's rooms")
     homes = (
         parse_json(_Home, content, path, f"line {number}" * (number > 1))
         for number, content in lines

@@ -49,17 +49,6 @@ _SceneGraph: Any = create_model(
 )
 
 
-def _is_scene_graph(value: Any) -> bool:
-    """Whether JSON has nodes with layers, unlike networkx's graphs."""
-    nodes = value.get("nodes") if isinstance(value, dict) else None
-    return (
-        isinstance(nodes, list)
-        and bool(nodes)
-        and isinstance(nodes[0], dict)
-        and "layer" in nodes[0]
-    )
-
-
 def _above(path: str, nodes: Mapping[int, Any], edges: Iterable[Any]) -> Any:
     """The directed graph of nodes, each with edges to those of higher layers."""
     import networkx as nx  # imported here: few calls need it
@@ -77,7 +66,7 @@ def _above(path: str, nodes: Mapping[int, Any], edges: Iterable[Any]) -> Any:
     return above
 
 
-@reader("spark_dsg", household, path="path", reads_json=_is_scene_graph)
+@reader("spark_dsg", household, path="path")
 def spark_dsg(
     mining: Mining,
     path: str,

@@ -11,13 +11,12 @@ from typing import Annotated
 
 import pandas as pd
 
-from isi.columns import PLACES
+from isi.columns import COUNT, PLACES
 from isi.config import EachOnce
 from isi.errors import InputError, short
 from isi.sources import Mining, Observation, reader
 from isi.sources.names import ENTITY, KindsByRelation, Naming
 from isi.sources.readers import (
-    COUNT,
     SEPARATORS,
     check_names,
     read_batches,
