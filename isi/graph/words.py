@@ -75,38 +75,16 @@ def look_up(words: KeyedVectors, phrases: Sequence[str]) -> WordVectors:
 
 
 def load_vectors(given: Words) -> KeyedVectors:
-    """Load the word vectors that params name: shipped, from a file, or a gensim download;
-    InputError if that fails.
-    """
+    """Load the word vectors that params name: shipped, or from a file."""
     if given.shipped:
         return read_vectors(paths.shipped_vectors(given.text))
     path = Path(given.source)
     with at(short(given.source)):
         is_file = path.is_file()
-    if is_file:
-        check_sha256(path, given.sha256)
-        return read_vectors(path)
-    if path.suffix or len(path.parts) > 1:
+    if not is_file:
         raise InputError(path, "", "expected a file of word vectors, but there is no such file")
-    if given.sha256 is not None:
-        expected = (
-            "expected null or a file as words.source, since only the SHA-256 of a file is checked"
-        )
-        raise InputError(paths.PARAMS, "words.sha256", expected)
-    with extra("words-file"):
-        import gensim.downloader  # needs the network: imported only for a download
-
-    logging.getLogger("gensim").setLevel(logging.ERROR)
-    try:
-        downloaded = gensim.downloader.load(given.source)
-    except Exception as error:  # gensim does not wrap errors of the network or of its index
-        expected = (
-            f"neither a file nor a gensim download that can be reached ({type(error).__name__})"
-        )
-        raise InputError(given.source, "", expected) from error
-    if not hasattr(downloaded, "key_to_index"):
-        raise InputError(given.source, "", "this gensim download holds no word vectors")
-    return downloaded
+    check_sha256(path, given.sha256)
+    return read_vectors(path)
 
 
 def read_vectors(path: Path) -> KeyedVectors:
