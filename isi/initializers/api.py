@@ -133,7 +133,7 @@ class InitResult:
 
     vectors: Tensor  #: shape: (M, n, d)
     fallback: Tensor  #: index into ``FALLBACKS``; shape: (M, n)
-    #: known entities' weights in the mean (MAP, ridge: prior mean), sum 1; (M, n, E)
+    #: known entities' weights in the mean (MAP: prior mean), sum 1; (M, n, E)
     weights: Tensor | None = None
     #: whether each vector is the centroid of its indicators: entities of weight > 0
     is_centroid: bool = False
@@ -158,7 +158,7 @@ Initializer = Callable[..., InitResult]  #: A function of an ``InitContext`` and
 #: baselines beyond the paper; a user's own.
 Role = Literal["paper", "isi", "control", "baseline", "own"]
 #: Required data or property of the model.
-Need = Literal["words", "insert_triples", "inverse", "linear_score"]
+Need = Literal["words", "insert_triples", "inverse"]
 #: Memory grows with the number of entities, or of their pairs; ``newton``: an optimum for each
 #: novel entity; ``trained``: by steps of training.
 Cost = Literal["entities", "pairs", "newton", "trained"]
@@ -191,13 +191,8 @@ class Registered:
 
     def misses(self, model: Model) -> str | None:
         """The property that the initializer needs and the model lacks, in words, or None."""
-        if "inverse" in self.needs and not model.invertible:
-            return "the inverse of a relation"
-        return (
-            "a score that is linear in a vector"
-            if "linear_score" in self.needs and not model.linear
-            else None
-        )
+        lacks = "inverse" in self.needs and not model.invertible
+        return "the inverse of a relation" if lacks else None
 
     def check(self, model: Model) -> None:
         """InputError, with the initializers that fit the model,

@@ -1,5 +1,5 @@
-"""MAP and ridge: the vector that best fits the triples of ``evidence`` and a prior
-at a mean of known vectors.
+"""MAP: the vector that best fits the triples of ``evidence`` and a prior at a mean of known
+vectors.
 """
 
 from collections.abc import Iterator
@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import torch
 from torch import Tensor
-from torch.linalg import inv_ex, solve
+from torch.linalg import inv_ex
 
 from isi.config import Count, NotNegative, Positive
 from isi.initializers import similarity
@@ -19,9 +19,8 @@ from isi.initializers.baselines import (
     soft_relational_similarity,
 )
 from isi.initializers.evidence import Evidence, evidence_of, spread
-from isi.initializers.newton import Problem, gram, newton
-from isi.initializers.paper import hybrid_similarity, kind_mean, mean
-from isi.initializers.scale import LOGISTIC
+from isi.initializers.newton import Problem, newton
+from isi.initializers.paper import kind_mean, mean
 from isi.initializers.scores import score_of
 from isi.models.stack import NotFinite, rows
 
@@ -220,68 +219,3 @@ def map_of_own_facts(
     return most_probable(
         context, soft_hybrid(context, word_weight, relation_weight), strength, ratio
     )
-
-
-@initializer(
-    "map_ers",
-    label="MAP, own facts, ERS",
-    role="baseline",
-    colour="#ef8a62",
-    cost="newton",
-    needs=("words", "insert_triples", "inverse"),
-    defaults={"k": 9, "candidates": 30, "strength": 0.2, "ratio": 1},
-    grid={"k": [9], "candidates": [30], **_PRIOR},
-)
-def map_around_ers(
-    context: InitContext, k: Count, candidates: Count, strength: Positive, ratio: Count
-) -> InitResult:
-    """MAP, own facts, ERS: as "MAP, own facts", with a prior at the vector of ERS."""
-    return most_probable(context, hybrid_similarity(context, k, candidates), strength, ratio)
-
-
-@initializer(
-    "map_mean",
-    label="MAP, own facts, mean",
-    role="baseline",
-    colour="#f4a582",
-    cost="newton",
-    needs=("insert_triples",),
-    defaults={"strength": 0.1, "ratio": 1},
-    grid=_PRIOR,
-)
-def map_around_mean(context: InitContext, strength: Positive, ratio: Count) -> InitResult:
-    """MAP, own facts, mean: as "MAP, own facts", with a prior at the known centroid."""
-    return most_probable(context, _mean_of_known(context), strength, ratio)
-
-
-@initializer(
-    "ridge",
-    label="Ridge",
-    role="baseline",
-    colour="#8c6d46",
-    cost="newton",
-    needs=("insert_triples", "inverse", "linear_score"),
-    defaults={"strength": 1e-4, "ratio": 3},
-    grid={"strength": [1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1], "ratio": [1, 3, 9]},
-)
-def ridge(context: InitContext, strength: Positive, ratio: Count) -> InitResult:
-    """Ridge: the vector whose scores are nearest to 1 for insert triples and
-    to 0 for their corruptions.
-    """
-    # argmin Σ w (y - ⟨v, α⟩)² + λ (v - μ)ᵀΣ⁻¹(v - μ), with y = 1 for positives, 0 for negatives; μ:
-    # the known centroid
-    context = replace(context, scale=LOGISTIC)  # 0 and 1 are scores, and no log odds
-    prior = _mean_of_known(context)
-    vectors = []
-    for problem in problems(context, evidence_of(context, ratio, 0.0), prior.vectors, strength):
-        alpha, weight = problem.slopes(problem.mean).double(), problem.positive + problem.negative
-        residual = problem.positive - weight * problem.log_odds(problem.mean)
-        step = solve(gram(alpha, weight) + problem.precision, (residual[:, None] @ alpha)[:, 0])
-        vectors.append(problem.mean + step)
-    shape, dtype = prior.vectors.shape, prior.vectors.dtype
-    return replace(prior, vectors=torch.cat(vectors).view(shape).to(dtype), is_centroid=False)
-
-
-def _mean_of_known(context: InitContext) -> InitResult:
-    """The centroid of the known entities, marked as a fallback if there are no insert triples."""
-    return similarity.centroid_of_first(context, triples=lambda: similarity.all_known(context))

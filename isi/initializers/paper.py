@@ -5,16 +5,11 @@ and controls for them.
 import torch
 from numpy.random import Generator
 from torch import Tensor
-from torch.linalg import vector_norm
 
 from isi.config import Count
 from isi.initializers import similarity
 from isi.initializers.api import NONE, InitContext, InitResult, initializer, without_weights
-from isi.models.stack import Embedding
 from isi.random import stream
-
-#: A coordinate that a map scales by less is dead: ``inverse`` would magnify it too much.
-DEAD = 1e-3
 
 
 @initializer("xavier", label="Xavier", role="paper", colour="#999999")
@@ -118,23 +113,8 @@ def gaussian(context: InitContext) -> InitResult:
     without meaning (a control).
     """
     centre, deviation = known_moments(context)
-    return without_weights(centre + deviation * standard_normal(context))
-
-
-@initializer("gaussian_centred", label="Centred Gaussian", role="control", colour="#c79aa6")
-def gaussian_centred(context: InitContext) -> InitResult:
-    """Centred Gaussian: random vectors around zero with the spread of
-    the known ones (a control).
-    """
-    _, deviation = known_moments(context)
-    return without_weights(deviation * standard_normal(context))
-
-
-def standard_normal(context: InitContext) -> Tensor:
-    """Standard normal draws, the same for ``gaussian``, ``gaussian_centred`` and ``class_noise``;
-    shape (M, n, d).
-    """
-    return context.draw("gaussian", Generator.standard_normal)
+    drawn = context.draw("gaussian", Generator.standard_normal)
+    return without_weights(centre + deviation * drawn)
 
 
 def known_moments(context: InitContext) -> tuple[Tensor, Tensor]:
@@ -159,78 +139,23 @@ def permuted_entity_similarity(context: InitContext, k: Count) -> InitResult:
     """Permuted ES: ES after a random permutation of the word vectors among
     all entities (a control).
     """
-    return _es_permuted(context, "es_permuted", torch.zeros_like(context.kinds), k)
-
-
-@initializer(
-    "es_permuted_kinds",
-    label="ES permuted within kinds",
-    role="control",
-    colour="#5f7f96",
-    cost="pairs",
-    needs=("words",),
-    defaults={"k": 8},
-)
-def permuted_within_kinds(context: InitContext, k: Count) -> InitResult:
-    """ES permuted within kinds: ES after a random permutation of the word vectors
-    within each kind (a control).
-    """
-    return _es_permuted(context, "es_permuted_kinds", context.kinds, k)
-
-
-def _es_permuted(context: InitContext, purpose: str, groups: Tensor, k: int) -> InitResult:
-    """ES with permuted word vectors."""
-    dealt = permuted_words(context, purpose, groups)
+    dealt = permuted_words(context)
     cosine = similarity.cosines(context.words)[dealt.gather(1, context.novel)]
     return similarity.nearest_by_words(
         context, cosine.gather(-1, dealt[:, None].expand_as(cosine)), k
     )
 
 
-def permuted_words(context: InitContext, purpose: str, groups: Tensor) -> Tensor:
-    """Entity ids, (M, E), permuted per model within each group's entities that have a word vector;
-    ``groups``: (E,). With ``entity_keys``, novel entities keep their own words.
+def permuted_words(context: InitContext) -> Tensor:
+    """Entity ids, (M, E), permuted per model among the entities that have a word vector.
+    With ``entity_keys``, novel entities keep their own words.
     """
     permuted = context.worded
     if context.entity_keys is not None:  # so that no vector depends on other novel entities
         permuted = permuted & context.known.all(0)
-    members = [(permuted & (groups == group)).nonzero().flatten() for group in torch.unique(groups)]
+    worded = permuted.nonzero().flatten()
     dealt = torch.arange(len(context.words)).repeat(len(context.novel), 1)
     for model, key in enumerate(context.keys.tolist()):
-        rng = stream(context.root, purpose, *key)
-        for group in members:
-            dealt[model, group] = group[torch.as_tensor(rng.permutation(len(group)))]
+        rng = stream(context.root, "es_permuted", *key)
+        dealt[model, worded] = worded[torch.as_tensor(rng.permutation(len(worded)))]
     return dealt
-
-
-@initializer(
-    "rs_alive",
-    label="RS, alive coordinates",
-    role="control",
-    colour="#7fb8a4",
-    needs=("insert_triples", "inverse"),
-    defaults={"k": 18},
-)
-def relational_similarity_alive(context: InitContext, k: Count) -> InitResult:
-    """RS, alive coordinates: RS without the coordinates that a relation's map scales
-    to nearly zero (a control).
-    """
-    models = torch.arange(len(context.novel))[:, None, None]
-    alpha = (
-        similarity.insert_triple_alpha(context) * alive(context.theta0)[models, context.relation]
-    )
-    return similarity.centroid_of_first(
-        context, triples=lambda: similarity.top_related(context, k, alpha)
-    )
-
-
-def alive(theta0: Embedding) -> Tensor:
-    """Mask of the coordinates that a relation's map scales by at least ``DEAD``;
-    shape (M, R, d), bool.
-    """
-    relation, axes = theta0.relation[:, :, None], torch.eye(theta0.entity.shape[-1])
-    taken = theta0.model.transform(axes, relation) - theta0.model.transform(
-        torch.zeros_like(axes), relation
-    )
-    stretch: Tensor = vector_norm(taken, dim=-1)
-    return stretch >= DEAD

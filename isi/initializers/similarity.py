@@ -52,11 +52,9 @@ def insert_triple_ends(context: InitContext, to_head: Callable[[Tensor, Tensor],
     return torch.where(context.novel_is_tail[..., None], as_tail, as_head)
 
 
-def relational_score(context: InitContext, alpha: Tensor | None = None) -> Tensor:
-    """Σ_r cos(v_e, ᾱ_r) over relations of insert triples (equation 5), (M, n, E);
-    ``alpha``: other α, (M, n, I, d).
-    """
-    theta0, alpha = context.theta0, insert_triple_alpha(context) if alpha is None else alpha
+def relational_score(context: InitContext) -> Tensor:
+    """Σ_r cos(v_e, ᾱ_r) over relations of insert triples (equation 5), (M, n, E)."""
+    theta0, alpha = context.theta0, insert_triple_alpha(context)
     of = one_hot(context.relation, theta0.relation.shape[1]) * context.observed[..., None]
     centroids = torch.einsum("mnir,mnid->mnrd", of.to(alpha.dtype), alpha)  # ᾱ up to its length
     unit, entity = normalize(centroids, dim=-1), theta0.entity
@@ -98,11 +96,9 @@ def nearest_by_words(context: InitContext, similarity: Tensor, k: int) -> InitRe
     )
 
 
-def top_related(context: InitContext, k: int, alpha: Tensor | None = None) -> Tensor:
-    """The k eligible entities of highest ``relational_score``, which defines ``alpha``;
-    shape (M, n, E), bool.
-    """
-    return top_k(relational_score(context, alpha), context.candidates, k)
+def top_related(context: InitContext, k: int) -> Tensor:
+    """The k eligible entities of highest ``relational_score``; shape (M, n, E), bool."""
+    return top_k(relational_score(context), context.candidates, k)
 
 
 def weights_or_fallback(context: InitContext, **ways: Weigh) -> tuple[Tensor, Tensor]:

@@ -100,7 +100,7 @@ def insert(
         >>> relations = np.array([[1.0, 1.0]])  # near
         >>> names = {"entity_names": ["cup", "bed"], "relation_names": ["near"]}
         >>> facts = {"mug": {"near": ["cup"]}}
-        >>> how = {"model": "distmult", "initializer": "neighbour_mean"}
+        >>> how = {"model": "distmult", "initializer": "er_avg"}
         >>> done = isi.insert(entities, relations, facts, new=["mug"], **names, **how)
         >>> done.vectors.tolist()
         [[1.0, 0.0]]

@@ -146,7 +146,7 @@ class Details:
 
     @cached_property
     def weights(self) -> np.ndarray | None:
-        """Weights of known entities in each new vector (MAP, ridge: in the prior's mean);
+        """Weights of known entities in each new vector (MAP: in the prior's mean);
         shape (n, E). None if the initializer has no weights, or n · E is too large.
         """
         if self.computed is None or self.computed.weights is None:

@@ -147,10 +147,10 @@ def insert(
 
     Args:
         model: stores the vectors of entities in tables, as most models do, perhaps within a wrapper
-            of ``torch.compile`` or ``DataParallel``, which copies lack. DistMult and ComplEx work
-            with all initializers, TransE (L1, L2, squared) and RotatE with all but ridge, others
-            with those that need no inverse (map_mean, mean, es, ...). Or the result of PyKEEN's
-            pipeline: ``insert(result, triples)``.
+            of ``torch.compile`` or ``DataParallel``, which copies lack. DistMult, ComplEx,
+            TransE (L1, L2, squared) and RotatE work with all initializers, others with those that
+            need no inverse (map, mean, es, ...). Or the result of PyKEEN's pipeline:
+            ``insert(result, triples)``.
         factory: the triples factory that the model was trained on.
         triples: of the new entities and relations, as labels (if the factory has labels) or ids, in
             any form of ``isi.insert``; or another triples factory.
