@@ -36,10 +36,7 @@ OPTIMIZER = Optimizer(batch_size=80, learning_rate=0.05, weight_decay=1e-3, max_
 MARGIN = 0.05
 INITIALIZERS = {
     name: EVERYONE[name]
-    for name in (
-        *("xavier", "iu", "es", "rs", "ers", "mean"),
-        *("gaussian", "gaussian_centred", "es_permuted"),
-    )
+    for name in (*("xavier", "iu", "es", "rs", "ers", "mean", "gaussian", "es_permuted"),)
 }
 WORDS = np.random.default_rng(0).normal(size=(ENTITIES, 6)).astype(np.float32)
 #: MRR of the joint models in both groups, by seed: the first is reached soon, the last one never.

@@ -262,7 +262,7 @@ def test_rows_of_an_insertion_are_read_by_name() -> None:
         split.facts,
         new=first,
         entity_names=split.entities[:known],
-        initializer="neighbour_mean",
+        initializer="er_avg",
         **names,
     )
     by_order = np.concatenate([done.entities[:known], done.entities[known:][::-1]])

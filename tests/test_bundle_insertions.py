@@ -288,7 +288,7 @@ def test_what_is_left_out_may_be_the_only_piece_or_an_end_of_a_retracted_fact(
     words = [one for one in home.explain("stove").without if one.left_out == "words"]
     assert [(one.what, one.cosine, one.moved) for one in words] == [("stove", None, None)]
     fact = bare.base.named_triples()[0]
-    bare.insert("mug", [("mug", "in", fact[0])], initializer="neighbour_mean")
+    bare.insert("mug", [("mug", "in", fact[0])], initializer="rs")
     bare.remove(facts=[fact])
     assert fact[0] in {one.what for one in bare.explain("mug").without}
 

@@ -16,6 +16,7 @@ from isi.experiment.train import train_stack
 from isi.models.stack import Embedding, NotFinite, check_finite
 from isi.training.batches import Negatives, training_data
 from isi.training.trainer import Optimizer, start, train
+from tests.init_contexts import EVERYONE
 from tests.small_graphs import ANALOGY, points_of, random_embedding, random_graph, score_all
 from tests.small_grid import LEARNING, insert_tasks, theta0, training_tasks
 
@@ -103,8 +104,8 @@ def test_a_grid_names_the_cells_that_diverged(workers: int) -> None:
             r"seeds \d+: diverged in epoch 0 \(NaN or huge numbers in vectors or scores\)",
         ),
         (
-            "map_mean",
-            {"strength": 0.5, "ratio": 3},
+            "map",
+            EVERYONE["map"],
             0.0,
             r"seeds 1: the known vectors are all equal .*: lower",
         ),

@@ -34,7 +34,7 @@ from tests.small_live import (
 NEW = [f"new {number}" for number in "abcdef"]
 FIRST = KNOWN.entity_names[:8]
 WHO = st.integers(0, 2)  #: One object, the other one, or the first in another thread.
-INITIALIZERS = ["map", "rs", "iu", "xavier", "gaussian", "class_noise"]
+INITIALIZERS = ["map", "rs", "iu", "xavier", "gaussian", "kind_mean"]
 ABOUT = st.fixed_dictionaries(
     {},
     optional={"kind": st.sampled_from(KINDS), "initializer": st.sampled_from(INITIALIZERS)},

@@ -87,7 +87,8 @@ def test_known_rows_are_the_same_bytes_and_new_ones_of_their_type_come_behind(
     dtype: type[np.floating[Any]],
 ) -> None:
     given, copies = tables(dtype=dtype), tables(dtype=dtype)
-    done = call(**given, initializer="neighbour_mean", triples=TRIPLES[:3])
+    kinds = dict.fromkeys((KNOWN[1], KNOWN[3], "cup"), "a") | {KNOWN[2]: "b", "mug": "b"}
+    done = call(**given, initializer="kind_mean", kinds=kinds, triples=TRIPLES[:3])
     for table in (done.entities[:ENTITIES], given["entities"]):
         assert table.tobytes() == copies["entities"].tobytes()
     assert done.relations.tobytes() == copies["relations"].tobytes()
@@ -335,8 +336,8 @@ def test_indicators_are_of_the_kind_of_each_new_entity(name: str) -> None:
         return call(kinds=given, initializer=name, words=words(), **facts).details.weights
 
     free = weights(None)
-    if free is None or name in {"neighbour_mean", "kind_mean"}:
-        return  # no mean, or one of the known ends of its triples, or of its kind by definition
+    if free is None or name == "kind_mean":
+        return  # no mean, or one of its kind by definition
     for kind in ("", "b", "c"):  # without an eligible entity of its kind, all count
         both = weights(kind)
         assert both is not None
@@ -409,7 +410,7 @@ def test_vectors_are_the_same_in_batches_of_any_size(
     if model == "rotate":
         given["model_options"] = {"margin": 1.0}
         given["relations"] = tables()["relations"][:, : DIMENSION // 2]
-    names = ("es", "rs", "ers", "soft_rs", "soft_hybrid", "map", "map_mean")
+    names = ("es", "rs", "ers", "soft_rs", "soft_hybrid", "map")
     together = {name: call(initializer=name, **given) for name in names}
     monkeypatch.setattr(f"isi.insertion.engine.{constant}", value)
     for name, expected in together.items():
@@ -537,9 +538,10 @@ NUMBERED = [str(row) for row in (7, 3, 0, 1, 2, 4, 5, 6, 8, 9, 10, 11)]
 )
 def test_a_number_that_is_another_rows_name_is_refused(changed: dict[str, Any]) -> None:
     about = {"triples": [("mug", "in", "7")], "new": ["mug"], "entity_names": NUMBERED}
-    how = {"known_triples": None, "initializer": "neighbour_mean"}
+    how = {"known_triples": None, "initializer": "er_avg"}
     done = call(**about, **how)
-    assert np.array_equal(done.vectors[0], tables()["entities"][0])
+    mapped = tables()["entities"][0] * tables()["relations"][0]  # by row 0, whose name is 7
+    np.testing.assert_allclose(done.vectors[0], mapped, rtol=1e-5)
     with pytest.raises(InputError, match="7 is an id, and the name of another row"):
         call(**(about | how | changed))
     assert call(**(about | how | {"triples": [("mug", "in", 8)]})).vectors.shape == (1, 8)
@@ -549,7 +551,7 @@ def test_a_number_that_is_another_rows_name_is_refused(changed: dict[str, Any]) 
 def test_an_array_of_numbers_holds_ids_and_says_so_beside_names_that_are_numbers(form: Any) -> None:
     about = {"triples": [("mug", "in", "7")], "new": ["mug"], "entity_names": NUMBERED}
     with pytest.warns(UserWarning, match="known_triples.*ids"):
-        done = call(**about, known_triples=form([(7, 0, 3)]), initializer="neighbour_mean")
+        done = call(**about, known_triples=form([(7, 0, 3)]), initializer="mean")
     assert done.details.checked.novel.known_triples.tolist() == [[7, 0, 3]]
 
 

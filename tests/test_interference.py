@@ -58,7 +58,7 @@ def test_the_largest_fall_of_a_reciprocal_rank_comes_first() -> None:
 
 def test_an_answer_that_ties_with_a_new_entity_loses_half_a_rank() -> None:
     # at 2, as entity 1
-    done = isi.insert(**LINE, triples=[(4, 0, 1)], new=1, initializer="neighbour_mean")
+    done = isi.insert(**LINE, triples=[(4, 0, 1)], new=1, initializer="er_avg")
     measured = done.interference([(1, 0, 0)])  # tails by 2: 3, 2, 2, 1, -4
     assert measured.changes == [
         RankChange(("?", 0, 0), 1, 2.0, 2.5, 4),

@@ -35,7 +35,7 @@ def graph() -> dict[str, Any]:
     }
 
 
-@pytest.mark.parametrize("name", ["fold_in", "map", "soft_rs", "mean", "neighbour_mean"])
+@pytest.mark.parametrize("name", ["fold_in", "map", "soft_rs", "mean"])
 def test_rows_of_a_file_are_those_of_insert_and_the_file_is_only_read(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

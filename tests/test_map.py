@@ -2,7 +2,6 @@
 its samples against the whole, its limits.
 """
 
-import itertools
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -276,8 +275,6 @@ def test_no_step_along_the_sphere_makes_map_of_a_distance_better(
 
 SOFT: dict[str, Option] = {"word_weight": 4.0, "relation_weight": 2.0}
 PRIORS: list[tuple[str, str, dict[str, Option], dict[str, Option]]] = [
-    ("map_mean", "mean", {}, OWN),
-    ("map_ers", "ers", {"k": 2, "candidates": 5}, OWN),
     ("map_own_facts", "soft_hybrid", SOFT, OWN),
     ("map", "soft_hybrid", SOFT, OWN | {"known_negatives": 2.0}),
 ]
@@ -293,7 +290,7 @@ def test_map_is_its_prior_where_that_is_strong_or_there_is_no_insert_triple(
     weak = insert(name, of, **options | objective)
     assert torch.equal(weak.vectors[0, 2], around.vectors[0, 2])  # it has no insert triple
     assert ((weak.vectors - around.vectors)[0, [0, 1, 3]].norm(dim=-1) > 0.01).all()
-    expected = {"map_mean": [None, None, "centroid", None], "map": [None, None, "es", None]}
+    expected = {"map": [None, None, "es", None]}
     assert fallbacks(weak) == expected.get(name, fallbacks(around))
 
 
@@ -388,44 +385,14 @@ def test_a_step_is_halved_until_it_makes_nothing_worse() -> None:
         torch.testing.assert_close(decrease, lower)
 
 
-def test_ridge_is_weighted_least_squares_with_the_prior_as_further_rows(of: InitContext) -> None:
-    result, mean, theta0 = (
-        insert("ridge", of, strength=0.4, ratio=3),
-        mean_of(of),
-        mapped(of.theta0, Tensor.double),
-    )
-    sigma, weighted = maximum.covariance(of)[0].numpy(), evidence_of(of, 3, 0.0)
-    positive, negative = dense(weighted, weighted.positive), dense(weighted, weighted.negative)
-    for place in (0, 1, 3):
-        rows, targets = [np.sqrt(0.4) * np.linalg.inv(np.linalg.cholesky(sigma))], []
-        targets.append(rows[0] @ mean)
-        for slot, relation, end in itertools.product(range(2), range(RELATIONS), range(ENTITIES)):
-            known, row = theta0.entity[0, end], theta0.relation[0, relation]
-            alpha = (
-                theta0.model.transform(known, row)
-                if slot
-                else theta0.model.transform_tail(known, row)
-            )
-            for weights, target in ((positive, 1.0), (negative, 0.0)):
-                root = float(weights[place, slot, relation, end]) ** 0.5
-                rows.append(root * alpha.numpy()[None])
-                targets.append(np.array([root * target]))
-        best = np.linalg.lstsq(np.concatenate(rows), np.concatenate(targets), rcond=None)[0]
-        np.testing.assert_allclose(result.vectors[0, place], best, atol=1e-5)
-    assert fallbacks(result) == [None, None, "centroid", None]
-
-
-@pytest.mark.parametrize(("name", "options"), [("map", MEAN), ("map_mean", OWN), ("ridge", OWN)])
-def test_known_vectors_that_do_not_differ_name_their_models(
-    name: str, options: dict[str, Option]
-) -> None:
+def test_known_vectors_that_do_not_differ_name_their_models() -> None:
     of = sample_context(ANALOGY, 4)
     same = torch.isin(torch.arange(4), torch.tensor([1, 3]))[:, None, None]
     with pytest.raises(NotFinite) as failed:
         insert(
-            name,
+            "map",
             replace(of, theta0=replace(of.theta0, entity=of.theta0.entity.masked_fill(same, 0))),
-            **options,
+            **MEAN,
         )
     assert failed.value.models == [1, 3]
     assert "no covariance" in failed.value.message

@@ -30,7 +30,6 @@ from tests.small_embedding import call
 #: Mistakes in command lines by program.
 PROGRAMS = listed(
     changed=commands.changed,
-    distances=commands.distances,
     of_another_build=settings.of_another_build,
     of_pipeline=commands.of_pipeline,
     own_files=commands.own_files,

@@ -54,20 +54,12 @@ def test_a_split_is_the_first_of_such_an_order() -> None:
     assert np.flatnonzero(splits == VALID).tolist() == sorted(free[tests : tests + valids])
 
 
-@pytest.mark.parametrize("within", ["es_permuted", "es_permuted_kinds"])
-def test_words_are_permuted_for_the_purpose_of_each_control(within: str) -> None:
-    of, rng = four_novel(), generator(within, 2, 0)
-    groups = torch.zeros_like(of.kinds) if within == "es_permuted" else of.kinds
+def test_words_are_permuted_for_the_purpose_of_the_control() -> None:
+    of, rng = four_novel(), generator("es_permuted", 2, 0)
     batched = np.arange(len(of.words))
-    for group in sorted(set(groups.tolist())):
-        wordy = [
-            entity
-            for entity in range(len(of.words))
-            if groups[entity] == group and of.words[entity].any()
-        ]
-        batched[wordy] = np.array(wordy)[rng.permutation(len(wordy))]
-    dealt = permuted_words(of, within, groups)
-    assert dealt[0].tolist() == batched.tolist()
+    wordy = [entity for entity in range(len(of.words)) if of.words[entity].any()]
+    batched[wordy] = np.array(wordy)[rng.permutation(len(wordy))]
+    assert permuted_words(of)[0].tolist() == batched.tolist()
 
 
 def shuffled(model: int, epoch: int) -> np.ndarray:

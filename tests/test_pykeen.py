@@ -169,7 +169,7 @@ def test_a_model_of_any_tables_scores_as_before_and_predicts_with_new_entities(
 def test_what_is_measured_is_what_pykeen_gets(name: str, factory: Any) -> None:
     """Rows of new entities, and of hidden ones, are under PyKEEN's constraints from the start."""
     model = model_of(name, factory, 0 if factory.create_inverse_triples else 10, **MODELS[name])
-    how = {"initializer": "map_mean", "options": {"strength": 0.01}}
+    how = {"initializer": "map", "options": {"strength": 0.01}}
     inserted = isi.pykeen.insert(model, factory, NEW, **how)  # type: ignore[arg-type]
     (larger, more), done = inserted, inserted.rows
     for _ in range(2):

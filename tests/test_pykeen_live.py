@@ -56,7 +56,7 @@ def test_vectors_and_answers_are_those_of_the_model(
         assert listed == pytest.approx({label: expected[label] for label in listed}, abs=1e-4)
         by_rank = sorted(answers, key=rank_of)
         assert [each.score for each in by_rank] == sorted(listed.values(), reverse=True)
-    initializer = "neighbour_mean" if name == "rescal" else "map"
+    initializer = "map"
     live.insert("cup", FACTS, initializer=initializer)
     how = {"new": ["cup"], "initializer": initializer, "margin": 0.0}
     done = isi.pykeen.insert(model, known, FACTS, **how).rows

@@ -172,7 +172,7 @@ def test_initializers_without_finite_vectors_are_no_candidates() -> None:
         {"known_triples": None},
         {"known_triples": TRIPLES[:5]},
         {"budget": 0},
-        {"initializer": "map_mean"},
+        {"initializer": "map_own_facts"},
         {"options": {"strength": 0.3}},
         {"trained_with": "softmax", "choose": False},
         {"trained_with": None, "choose": False},
@@ -192,7 +192,7 @@ def test_a_lower_budget_hides_fewer_entities_and_then_leaves_costly_candidates_o
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("isi.insertion.selection.OVERHEAD", 0.0)
-    every = [INITIALIZERS.get(name) for name in ("mean", "map_mean", "soft_rs")]
+    every = [INITIALIZERS.get(name) for name in ("mean", "map_own_facts", "soft_rs")]
     choices = [
         compare(every, hold_out(), 0.01, budget) for budget in [0, *np.geomspace(1e-5, 1, 50)]
     ]

@@ -313,11 +313,10 @@ def test_the_shipped_phrases_of_wordnet_are_whole_and_have_vectors_of_unit_lengt
 
 
 def test_options_in_params_are_compared_first_and_once() -> None:
-    settings = settings_of(
-        ["mean", "class_noise"], {"class_noise": {"fraction": 0.25}, "es": {"k": 8}}
-    )
-    assert settings[:2] == [("mean", {}), ("class_noise", {"fraction": 0.25})]
-    assert [options["fraction"] for _, options in settings[1:]] == [0.25, 0.1, 0.5, 1.0]
+    settings = settings_of(["mean", "soft_rs"], {"soft_rs": {"temperature": 0.05}, "es": {"k": 8}})
+    assert settings[:2] == [("mean", {}), ("soft_rs", {"temperature": 0.05})]
+    compared = [options["temperature"] for _, options in settings[1:]]
+    assert compared == [0.05, 0.01, 0.02, 0.03, 0.07, 0.1, 0.2]
 
 
 def hidden_results() -> pd.DataFrame:

@@ -48,7 +48,6 @@ METHODS: dict[str | None, tuple[bool, bool]] = {
     "soft_hybrid": (True, True),
     "soft_rs": (True, False),
     "er_avg": (True, False),
-    "neighbour_mean": (True, False),
     "soft_es": (False, True),
     "mean": (False, False),
     "xavier": (False, False),

@@ -186,12 +186,12 @@ def needs_are_what_it_uses(subject: CheckedInitializer) -> Iterator[str]:
             yield f"it falls back without {need}, which needs does not list"
         if subject.needs(need) and torch.equal(alone.vectors, whole.vectors):
             yield f"{need} have no effect, although needs lists them"
-    for lacking, model in (
+    for absent, model in (
         ("inverse, which needs does not list", ScoreAlone()),
         ("a linear score", TransE(2.0, True)),
     ):
         if subject.registered.misses(model) is None:
-            with at(f"a model without {lacking}"):
+            with at(f"a model without {absent}"):
                 _works_with(subject, model)
 
 

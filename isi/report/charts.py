@@ -206,8 +206,6 @@ def _height(made: Panel) -> float:
 def _short(name: str) -> str:
     return {
         "Nothing inserted": "None inserted",
-        "ES permuted within kinds": "ES, mixed kind",
-        "Centred Gaussian": "Centred G.",
         "MAP, own facts": "MAP, own",
     }.get(name, name)
 

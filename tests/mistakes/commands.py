@@ -6,7 +6,7 @@ import isi
 from isi.live.bundle import Bundle
 from isi.tables import paths
 from tests.mistakes.calls import Typed
-from tests.small_bundle import home_of, small, written
+from tests.small_bundle import home_of, written
 
 HOME = Path("home")
 LARGEST = "x" * 300
@@ -17,13 +17,6 @@ def anew(bundle: Bundle) -> None:
     for path in HOME.iterdir():
         path.unlink()
     home_of(HOME, bundle)
-
-
-def distances() -> None:
-    """Make an embedding the home whose scoring function is a distance."""
-    options = {"margin": 1.0, "squared": False}
-    about = {"model_name": "transe", "model_options": options}
-    anew(small(manifest=small().manifest.model_copy(update=about)))
 
 
 def changed() -> None:

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from isi.checks.initializers import ScoreAlone
 from isi.errors import short
 from isi.models.distance import TransE
 from tests.mistakes.calls import Called
@@ -15,7 +16,6 @@ TABLES = tables()
 ENTITIES, RELATIONS = TABLES["entities"], TABLES["relations"]
 RAGGED: Any = [[1.0, 2.0], [1.0]]
 LARGE = words().astype(float) * 1e300
-TRANSE = {"model": "transe", "model_options": {"margin": 1.0, "squared": False}}
 
 
 def wrong(argument: str, *values: Any, place: str = "", **others: Any) -> list[Called]:
@@ -37,9 +37,9 @@ INSERT_CASES = [
         ENTITIES + 1j,
         ENTITIES[0],
     ),
-    *wrong("entities", np.ones((12, 8), np.float32), initializer="map_mean"),
+    *wrong("entities", np.ones((12, 8), np.float32), initializer="map"),
     *wrong("entities", np.where(np.eye(12, 8) == 1, NAN, ENTITIES), place="row 0"),
-    *wrong("entities", ENTITIES * np.float32(1e30), initializer="map_mean"),
+    *wrong("entities", ENTITIES * np.float32(1e30), initializer="map"),
     *wrong("entities", ENTITIES.astype(float) * 1e300, initializer="mean"),
     *wrong("relations", np.full((3, 8), np.float32("inf")), place="row 0"),
     *wrong("relations", RELATIONS[:, :4]),
@@ -117,7 +117,7 @@ INSERT_CASES = [
     *wrong("initializer", "er", 5),
     *wrong("initializer", "es", options={"k": 0}, place="k"),
     *wrong("initializer", "mean", options={"k": 1}, place="k"),
-    *wrong("initializer", "ridge", **TRANSE, place="ridge"),
+    *wrong("initializer", "rs", model=ScoreAlone(), place="rs"),
     *wrong("options", 5, initializer="es"),
     *wrong("seed", -1, "a"),
 ]

@@ -27,7 +27,7 @@ REFERENCE = "ers"
 PAIRS = (
     ("ers", BASELINE),
     ("ers", "kind_mean"),
-    ("es", "es_permuted_kinds"),
+    ("es", "es_permuted"),
     ("soft_hybrid", "ers"),
     ("map", "soft_hybrid"),
 )
