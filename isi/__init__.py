@@ -2,14 +2,13 @@
 
 ``isi.open`` gives the live embedding of a folder, to which a robot adds entities and facts, and
 which answers; ``from_pykeen`` makes one of a PyKEEN model, ``train`` of triples. ``insert`` adds
-new entities to arrays; ``fit_new`` trains their rows; ``isi.pykeen`` is for PyKEEN models;
+new entities to arrays; ``isi.pykeen`` is for PyKEEN models;
 ``isi.benchmark`` hides entities of a graph, and ranks answers after their insertion.
 ``check_initializer`` and ``check_model`` check your own. They are imported on first use (types are
 in ``__init__.pyi``).
 """
 
 import importlib
-import warnings
 from typing import Any
 
 #: Module and name there of each name here.
@@ -18,7 +17,6 @@ _WHERE = {
     "LiveEmbedding": ("isi.live.embedding", "LiveEmbedding"),
     "check_initializer": ("isi.checks.initializers", "check_initializer"),
     "check_model": ("isi.checks.models", "check_model"),
-    "fit_new": ("isi.insertion.fit", "fit_new"),
     "from_pykeen": ("isi.pykeen.open", "from_pykeen"),
     "insert": ("isi.insertion.api", "insert"),
     "open": ("isi.live.embedding", "open_live"),
@@ -28,8 +26,6 @@ _WHERE = {
 __all__ = [name for name in _WHERE if name != "open"]
 #: Packages of public names, which are imported on first use, too.
 _PACKAGES = ("benchmark", "pykeen")
-#: Names of version 0.2, and what they are called now.
-_RENAMED = {"of": "from_pykeen"}
 
 
 def __dir__() -> list[str]:
@@ -40,10 +36,6 @@ def __getattr__(name: str) -> Any:
     if name in _WHERE:
         module, there = _WHERE[name]
         return getattr(importlib.import_module(module), there)
-    if name in _RENAMED:
-        now = _RENAMED[name]
-        warnings.warn(f"isi.{name} is now isi.{now}", DeprecationWarning, stacklevel=2)
-        return __getattr__(now)
     if name in _PACKAGES:
         return importlib.import_module(f"isi.{name}")
     raise AttributeError(f"module 'isi' has no attribute {name!r}")

@@ -4,7 +4,6 @@ from isi.checks.initializers import check_initializer as check_initializer
 from isi.checks.models import check_model as check_model
 from isi.errors import InputError as InputError
 from isi.insertion.api import insert as insert
-from isi.insertion.fit import fit_new as fit_new
 from isi.live.embedding import LiveEmbedding as LiveEmbedding
 from isi.live.embedding import open_live
 from isi.live.train import train as train
@@ -17,7 +16,6 @@ __all__ = [
     "LiveEmbedding",
     "check_initializer",
     "check_model",
-    "fit_new",
     "from_pykeen",
     "insert",
     "train",

@@ -12,7 +12,7 @@ PACKAGES = ("isi", "stages")
 #: defined beside the code that uses it).
 PLUMBING = {
     Path("isi", f"{name}.py")
-    for name in ("__init__", "errors", "process", "pipeline", "renamed", "stage", "params")
+    for name in ("__init__", "errors", "process", "pipeline", "stage", "params")
 }
 
 

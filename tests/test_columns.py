@@ -92,14 +92,6 @@ def insert_beside_known(facts: Any) -> object:
     ).entities.tolist()
 
 
-def fit_new(facts: Any) -> object:
-    larger = np.concatenate([ENTITIES, ENTITIES[:1]])
-    names = [*NAMES, "jug"]
-    return isi.fit_new(larger, LABELS, facts, new=1, entity_names=names, epochs=1, **ARRAYS)[
-        0
-    ].tolist()
-
-
 def live_insert(facts: Any) -> object:
     home = LiveEmbedding(small())
     home.insert("jug", facts)
@@ -131,7 +123,6 @@ def pykeen_insert(facts: Any) -> object:
         train,
         insert,
         insert_beside_known,
-        fit_new,
         live_insert,
         live_observe,
         pykeen_insert,

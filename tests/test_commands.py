@@ -98,8 +98,7 @@ def test_a_home_is_named_by_an_option_the_environment_or_the_folder(
     by_default = printed(capsys, *question)
     home.rename("other")
     assert "isi train" in ran(capsys, question)[1]
-    for option in ("--home", "--embedding"):
-        assert printed(capsys, *question, option, "other") == by_default
+    assert printed(capsys, *question, "--home", "other") == by_default
     monkeypatch.setenv("ISI_HOME", "other")
     assert printed(capsys, *question) == by_default
     monkeypatch.setenv("ISI_HOME", "nowhere")

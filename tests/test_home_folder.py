@@ -1,8 +1,5 @@
-"""The folder of a home: processes that are killed, full disks, threads, other databases, and homes
-of before they were databases.
-"""
+"""The folder of a home: processes that are killed, full disks, threads, other databases."""
 
-import json
 import os
 import random
 import resource
@@ -18,7 +15,7 @@ import pytest
 import isi
 from isi.errors import InputError
 from isi.live.embedding import LiveEmbedding
-from tests.small_bundle import edit, files, home_of, written
+from tests.small_bundle import files, home_of
 from tests.small_live import KNOWN, TRAINED, assert_same, facts_of, seen
 from tools.kills.home import NEGATIVE, killed
 
@@ -167,75 +164,3 @@ def test_a_folder_with_a_home_of_changes_or_with_other_files_is_not_written_into
         with pytest.raises(InputError):
             live.save(taken)
     assert_same(seen(isi.open(copy)), seen(live))
-
-
-# Homes of before they were databases
-
-
-LINES: list[dict[str, Any]] = [
-    {"do": "choose", "facts": 1, "words": False, "initializer": "mean", "why": "", "options": {}},
-    {"do": "insert", "entities": {"mug": {"initializer": "map"}}, "facts": [MUG], "time": 1.5e9},
-    {
-        "do": "insert",
-        "entities": {"tray": {"kind": "place"}, "pan": {"definition": "a dish"}},
-        "facts": [["tray", "in", "e2"], ["pan", "on", "tray"]],
-        "time": "2026-11-27T09:00:00Z",
-        "source": "camera",
-    },
-    {"do": "observe", "facts": [["mug", "on", "e4"], ["e1", "in", "e9"]]},
-    {"do": "move", "facts": [["mug", "in", "e5"]], "replaced": [MUG]},
-    {"do": "remove", "facts": [FIRST]},
-    {"do": "remove", "entities": {"mug": {}}},
-    {"do": "undo"},
-]
-
-
-def test_a_folder_with_a_journal_becomes_a_home_once(tmp_path: Path) -> None:
-    folder = written(tmp_path / "home", KNOWN)
-    torn = b'{"do": "observe", "facts": [["mug", '
-    lines = "".join(json.dumps(line) + "\n" for line in LINES).encode()
-    (folder / "journal.jsonl").write_bytes(lines + torn)
-    before = files(folder)
-    told = LiveEmbedding(KNOWN)
-    told.tell([("mug", "in", "e5"), ("mug", "on", "e4")], initializer="map")
-    told.tell([("tray", "in", "e2"), ("pan", "on", "tray")], kind={"tray": "place"})
-    told.tell([("e1", "in", "e9")])
-    told.remove(facts=[FIRST])
-    in_memory = isi.open(folder, durability="memory")
-    assert files(folder) == before
-    for live in (in_memory, isi.open(folder), isi.open(folder)):
-        assert_same(seen(live), seen(told))
-        assert facts_of(live) == facts_of(told)
-        assert len(live.history) == len(LINES) - 1  # the choice is none
-        assert live.history[1].source == "camera"
-        assert live.home.about("pan").definition == "a dish"
-        assert live.inserted["tray"].kind == "place"
-    assert {name: content for name, content in files(folder).items() if name in before} == before
-    live.undo()  # of the second last line
-    assert FIRST in facts_of(live)
-
-
-def test_a_folder_that_records_what_was_inserted_becomes_a_home(tmp_path: Path) -> None:
-    """A copy that was saved has inserted entities in its tables, too, and may have no journal."""
-    told = LiveEmbedding(KNOWN)
-    told.tell([MUG], initializer="mean")
-    told.tell([("pan", "on", "mug"), ("pan", "in", "e3")], initializer="mean", kind="place")
-    folder = written(tmp_path / "home", told.now)
-    record = {"definition": None, "asked": None, "options": {}, "seed": 0, "initializer": "mean"}
-    records = [
-        {
-            "entity": "mug",
-            "told": [MUG, ("pan", "on", "mug")],
-            **record,
-            "why": "",
-            "fallback": None,
-        },
-        {"entity": "pan", "told": [("pan", "on", "mug"), ("pan", "in", "e3")], **record},
-    ]
-    edit(folder, lambda manifest: manifest.update(inserted=records))
-    live = isi.open(folder)
-    assert_same(seen(live), seen(told))
-    assert [change.inserted for change in live.history] == [["mug"], ["pan"]]
-    live.undo()
-    live.undo()
-    assert facts_of(live).keys() == {*TRAINED}

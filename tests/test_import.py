@@ -78,7 +78,7 @@ def test_names_may_begin_with_a_mark_and_there_may_be_no_triples() -> None:
 
 def test_complex_numbers_are_parted() -> None:
     whole = {"entities": ENTITIES + 1j * (ENTITIES + 1), "relations": LABELS + 1j * (LABELS + 1)}
-    parted = imported(str(write_lists(**whole)), "--family", "complex")  # the older name
+    parted = imported(str(write_lists(**whole)), "--model", "complex")
     assert parted.entities.tolist() == np.concatenate([ENTITIES, ENTITIES + 1], 1).tolist()
     assert parted.relations.tolist() == np.concatenate([LABELS, LABELS + 1], 1).tolist()
 

@@ -34,7 +34,6 @@ from isi.models.distance import RotatE
 from isi.models.losses import Loss
 from isi.random import stream
 from isi.tables import paths
-from tests import small_embedding
 from tests.init_contexts import insertion
 from tests.small_embedding import (
     BETWEEN,
@@ -585,25 +584,6 @@ def test_arguments_are_spelt_out_and_a_typo_names_the_function() -> None:
     assert named <= signature(isi.insert).parameters.keys()
     with pytest.raises(TypeError, match=r"^insert\(\) got an unexpected .*'initialiser'"):
         call(initialiser="mean")
-
-
-@pytest.mark.parametrize(
-    ("before", "now", "value"),
-    [
-        ("loss", "trained_with", "softmax"),
-        ("tolerance", "harm", 0.5),
-        ("calibrate", "choose", False),
-    ],
-)
-def test_an_argument_by_its_name_of_before_warns_and_serves(
-    before: str, now: str, value: Any
-) -> None:
-    with pytest.warns(DeprecationWarning, match=f"'{before}' of insert is now '{now}'") as caught:
-        done = call(**{before: value})
-    assert caught[0].filename == small_embedding.__file__
-    np.testing.assert_array_equal(done.vectors, call(**{now: value}).vectors)
-    with pytest.raises(TypeError, match=f"'{before}' and '{now}'"):
-        call(**{before: value, now: value})
 
 
 def test_new_rows_are_trained_further_alone() -> None:

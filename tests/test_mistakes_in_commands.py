@@ -32,7 +32,6 @@ PROGRAMS = listed(
     changed=commands.changed,
     distances=commands.distances,
     of_another_build=settings.of_another_build,
-    of_before=commands.of_before,
     of_pipeline=commands.of_pipeline,
     own_files=commands.own_files,
     misnamed=graphs.misnamed,

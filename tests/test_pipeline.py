@@ -86,7 +86,7 @@ def test_all_initializers_start_from_the_same_earlier_knowledge(folder: Path) ->
 
 
 def test_the_final_model_of_the_whole_graph_is_a_bundle(folder: Path) -> None:
-    bundle, _ = read(folder / "data/final_models/ai2thor")
+    bundle = read(folder / "data/final_models/ai2thor")
     assert bundle.manifest.model_name == "analogy"
     assert bundle.entities.shape == (len(bundle.entity_names), 8)
     names = [bundle.entity_names, bundle.relation_names, bundle.entity_names]

@@ -621,44 +621,6 @@ def test_harm_is_measured_on_validation_triples_in_any_form(factory: Any) -> Non
         isi.pykeen.insert(model, known, NEW, validation=[("e1", "r0", "cup")])
 
 
-# Names of before
-
-
-@pytest.mark.filterwarnings("error")
-def test_a_function_of_before_says_what_to_type_and_serves(factory: Any) -> None:
-    model = model_of("distmult", factory)
-    inserted = isi.pykeen.insert(model, factory, NEW, initializer="mean")
-    given = model, factory, NEW
-    with pytest.warns(DeprecationWarning, match=r"now isi.pykeen.insert\(...\).rows") as caught:
-        rows = isi.pykeen.compute_rows(*given, initializer="mean")
-    assert caught[0].filename == __file__
-    np.testing.assert_array_equal(rows.vectors, inserted.vectors)
-    with pytest.warns(DeprecationWarning, match="model, factory = isi.pykeen.insert"):
-        larger, more = isi.pykeen.enlarge(model, factory, rows)
-    assert torch.equal(*(tables_of(one)[0] for one in (larger, inserted.model)))
-    assert more == inserted.factory
-    with pytest.warns(DeprecationWarning, match=r"train\(epochs=5\)") as caught:
-        trained = isi.pykeen.fit_new(larger, more, NEW, epochs=3, early_stopping=False)
-    assert [each.filename for each in caught] == [__file__]
-    before, after = (tables_of(one)[0] for one in (larger, trained))
-    assert (before != after).any(1).nonzero().flatten().tolist() == [ENTITIES, ENTITIES + 1]
-    for new in (["cup", "mug"], [ENTITIES, "mug"], 2):
-        with pytest.warns(DeprecationWarning, match="train"):
-            again = isi.pykeen.fit_new(larger, more, new=new, epochs=3)
-        assert torch.equal(tables_of(again)[0], after)
-
-
-@pytest.mark.filterwarnings("ignore:isi.pykeen.fit_new")
-def test_any_entity_can_be_trained_as_new(factory: Any) -> None:
-    model = model_of("distmult", factory)
-    trained = isi.pykeen.fit_new(model, factory, new=["e4"], epochs=5)
-    before, after = (tables_of(one)[0] for one in (model, trained))
-    assert (before != after).any(1).nonzero().flatten().tolist() == [4]
-    for new in ([], 0, ENTITIES, ["cup"]):
-        with pytest.raises(InputError, match="argument 'new'"):
-            isi.pykeen.fit_new(model, factory, new=new)
-
-
 @pytest.mark.parametrize(
     ("name", "factory", "loop"), [("SimplE", ring(), "slcwa"), ("ConvE", ring(True), "lcwa")]
 )

@@ -45,12 +45,6 @@ COMMANDS = {
     "export": ("export:export", "Write a graph and predictions for other tools."),
     "graph": ("graph:graph", "Build a graph of scenes or triples, and describe it."),
 }
-#: Commands of before, and what to type instead.
-GONE = {
-    "compact": "a home needs no compaction",
-    "interference": "tell and insert print it; in Python, home.interference()",
-    "nearest": "isi explain NAME; in Python, home.nearest(NAME)",
-}
 
 
 def settings(texts: Sequence[str]) -> dict[str, Any]:
@@ -90,7 +84,7 @@ FROM_ONE, FROM_ZERO = Number(gte=1, lt=10**9), Number(gte=0, lt=10**9)
 HomeFolder = Annotated[
     Path,
     Parameter(
-        name=["--home", "--embedding"],
+        name="--home",
         env_var="ISI_HOME",
         help="folder of a home, as isi train or isi import writes it",
     ),
@@ -120,8 +114,6 @@ def main(argv: Sequence[str] | None = None) -> None:
         )
         for command, (function, about) in COMMANDS.items():
             app.command(f"{__name__}.{function}", name=command, help=about)
-        if tokens and tokens[0] in GONE:
-            raise InputError(tokens[0], "", f"is no command any more: {GONE[tokens[0]]}")
         name = f"isi {tokens[0]}" if tokens and tokens[0] in COMMANDS else "isi"
         with errors_in_one_line(name):
             try:

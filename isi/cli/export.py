@@ -70,7 +70,7 @@ def export(
     out: Annotated[Path, Parameter(help="file to write")],
     embedding: Annotated[
         Path | None,
-        Parameter(name=["--home", "--embedding"], help="folder of a home, instead of EXPERIMENT"),
+        Parameter(name="--home", help="folder of a home, instead of EXPERIMENT"),
     ] = None,
     predictions: Annotated[
         int,

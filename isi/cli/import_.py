@@ -8,9 +8,8 @@ from cyclopts import Parameter
 from isi.cli import NewFolder, Settings, flags, settings
 from isi.cli.output import refuse_inputs
 from isi.errors import InputError, at
-from isi.live.bundle import Bundle
+from isi.live.bundle import MANIFEST, Bundle, read
 from isi.live.checkpoints import checkpoint_reader
-from isi.live.convert import is_old, trained_and_changes
 from isi.live.home import Home, check_free
 from isi.live.importer import PICKLE, of_tables, read_labels, read_tables, tensors_in
 from isi.live.phrases import with_words
@@ -36,7 +35,6 @@ def import_(
     model: Annotated[
         str | None,
         Parameter(
-            name=["--model", "--family"],
             help="scoring function, unless FOLDER or --trust-pickle determines it",
         ),
     ] = None,
@@ -104,13 +102,10 @@ def import_(
             "expected no --model, --set, --loss or names of tensors: the pickle determines them",
         )
     bundle: Bundle
-    if is_old(folder):
+    if (folder / MANIFEST).is_file():
         if trust_pickle or model or chosen or set or loss:
             raise InputError(folder, "", "expected no option but --vectors: it says what it holds")
-        bundle, changes = trained_and_changes(folder)
-        if changes:
-            number = f"has {len(changes):,} changes, which an import would lose"
-            raise InputError(folder, "", f"{number}: it is a home by itself, for --home")
+        bundle = read(folder)
     elif reader := checkpoint_reader(folder):
         if trust_pickle or model or chosen:
             expected = (

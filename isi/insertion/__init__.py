@@ -1,1 +1,1 @@
-"""New entities in any trained embedding: ``isi.insert`` and ``isi.fit_new``."""
+"""New entities in any trained embedding: ``isi.insert``."""

@@ -24,10 +24,8 @@ from isi.insertion.selection import Selection, named, one_score, preferred, sele
 from isi.models.losses import Loss, TrainingLoss, loss_named
 from isi.models.model import Model
 from isi.models.stack import Embedding, NotFinite, usual_torch
-from isi.renamed import renamed
 
 
-@renamed(loss="trained_with", tolerance="harm", calibrate="choose")
 def insert(
     entities: np.ndarray | torch.Tensor,
     relations: np.ndarray | torch.Tensor,

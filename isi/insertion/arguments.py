@@ -1,4 +1,4 @@
-"""Checks the arguments of ``isi.insert`` and ``isi.fit_new``.
+"""Checks the arguments of ``isi.insert``.
 An ``InputError`` names the argument.
 """
 
@@ -149,9 +149,7 @@ def checked_model(model: Any, options: Any, dimension: int) -> Model:
 
 @dataclass(frozen=True)
 class Arguments:
-    """The checked arguments that ``isi.insert`` and ``isi.fit_new`` share.
-    Known entities have the lower ids.
-    """
+    """Checked arguments of ``isi.insert``. Known entities have the lower ids."""
 
     relations: np.ndarray
     model: Model

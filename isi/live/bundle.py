@@ -3,8 +3,7 @@ equal content: what the pipeline writes, and what ``isi import`` reads.
 
 ``embedding.json`` describes it, ``vectors.safetensors`` has its tables (``entities``,
 ``relations`` and, if there are any, ``words``), ``entities.tsv`` names, kinds and phrases in the
-order of ids, ``relations.tsv`` names, ``triples.tsv`` the known triples by name. Before homes were
-databases, such a folder was a home, too (``isi.live.convert``).
+order of ids, ``relations.tsv`` names, ``triples.tsv`` the known triples by name.
 """
 
 from __future__ import annotations
@@ -39,8 +38,6 @@ COLUMNS = {
     TRIPLES: ("head", "relation", "tail"),
 }
 MODEL = "all-MiniLM-L6-v2"  #: The sentence model of the shipped word vectors, except ``glove``.
-#: Keys of fields in version 1 of the format, where they differ from the names here.
-KEYS = {"model_name": "family", "model_options": "family_options", "insert_triples": "told"}
 Fact = tuple[str, str, str]  #: Head, relation and tail by name.
 Text = Annotated[str, AfterValidator(check_text)]
 TEXTS = TypeAdapter(list[Text])
@@ -56,8 +53,6 @@ class Record(BaseModel):
         strict=True,
         frozen=True,
         allow_inf_nan=False,
-        populate_by_name=True,
-        alias_generator=lambda name: KEYS.get(name, name),
     )
 
 
@@ -118,25 +113,11 @@ class NewEntity(Record):
     seed: Seed = 0
 
 
-class EntityRecord(Record):
-    """How an entity was inserted, in a folder that was a home."""
-
-    model_config = ConfigDict(extra="ignore")
-
-    entity: Text
-    insert_triples: list[NamedTriple]
-    definition: Text | None
-    options: dict[str, Option]
-    seed: Seed
-    initializer: Text
-
-
 class ManifestFile(Manifest):
     """``embedding.json``: the manifest, the sizes, and the SHA-256 of each other file."""
 
     format: Literal["isi embedding"]
-    version: Literal[1]
-    inserted: list[EntityRecord] = Field(default_factory=list)
+    version: Literal[2]
     entities: int
     relations: int
     dimension: int
@@ -193,9 +174,9 @@ def write(folder: Path, bundle: Bundle) -> None:
         files[name] = "".join("\t".join(row) + "\n" for row in (COLUMNS[name], *table)).encode()
     # keys that have the usual value are left out
     usual = {"trained_with"} if bundle.manifest.trained_with == "logistic" else set()
-    manifest = {"format": "isi embedding", "version": 1}
-    manifest |= bundle.manifest.model_dump(by_alias=True, exclude=usual)
-    manifest |= {"inserted": [], **bundle.sizes()}
+    manifest = {"format": "isi embedding", "version": 2}
+    manifest |= bundle.manifest.model_dump(exclude=usual)
+    manifest |= bundle.sizes()
     manifest["files"] = {name: sha256(content).hexdigest() for name, content in files.items()}
     text = json.dumps(manifest, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
     files[MANIFEST] = text.encode()
@@ -203,10 +184,8 @@ def write(folder: Path, bundle: Bundle) -> None:
         atomically(folder / name, partial(Path.write_bytes, data=content))
 
 
-def read(folder: Path) -> tuple[Bundle, list[EntityRecord]]:
-    """Read a bundle, and how its last entities were inserted, if some were.
-    An ``InputError`` names the missing or broken file and the place in it.
-    """
+def read(folder: Path) -> Bundle:
+    """Read a bundle. An ``InputError`` names the missing or broken file and the place in it."""
     files = {}
     for name in (MANIFEST, VECTORS, *COLUMNS):
         with at(folder / name):
@@ -241,8 +220,7 @@ def read(folder: Path) -> tuple[Bundle, list[EntityRecord]]:
             check_numbers(table, numbers[name])
     about = Manifest(**{name: getattr(manifest, name) for name in Manifest.model_fields})
     words = tensors.get("words")
-    bundle = Bundle(about, *vectors, names, kinds, phrases, labels, triples, words)
-    return bundle, manifest.inserted
+    return Bundle(about, *vectors, names, kinds, phrases, labels, triples, words)
 
 
 def split_rows(text: str, columns: Sequence[str]) -> list[list[str]]:

@@ -9,7 +9,6 @@ together (``isi.insertion.engine``). What holds is what the tables of the home s
 
 from __future__ import annotations
 
-import os
 import warnings
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
@@ -31,19 +30,17 @@ from isi.graph.graph import HEAD, TAIL
 from isi.graph.vocabulary import Vocabulary
 from isi.insertion.arguments import naming_argument
 from isi.insertion.interference import Interference, measure
-from isi.live import convert
 from isi.live.answers import Answers, Curve, answer, answer_relation, fit_curve
 from isi.live.bundle import Bundle, Fact
 from isi.live.changes import Change, Effect, Stamp, TellOptions, changes_of, checked_facts, names_in
 from isi.live.explain import Explanation, Report, Snapshot, explain, report
 from isi.live.groups import Computed, EntityGroups, EntityInput, InsertedEntity, stored
-from isi.live.home import DATABASE, Durability, Home, StoredFact, as_text, now
+from isi.live.home import Durability, Home, StoredFact, as_text, now
 from isi.live.loaded import LoadedEmbedding, Query
 from isi.live.names import NewName, check_new
 from isi.live.phrases import SAME, phrase_vectors, with_words
 from isi.models.stack import usual_torch
 from isi.names import clean, plain
-from isi.tables import paths
 
 FIRST_TRAINING = 1  #: Number of the change that made a home.
 P = ParamSpec("P")
@@ -667,22 +664,6 @@ class LiveEmbedding:
                 self._rows = {name: computed[name].entity for name in names}
                 self._write(number, computed, added)
 
-    @changes
-    def _repeat(self, line: convert.Line) -> None:
-        """Make a change of a journal again."""
-        if line.do == "undo":
-            self.undo(time=line.time, source=line.source)
-            return
-        with self._changing(line.do, line) as change:
-            for fact in line.removed:
-                self.home.take_fact(change.number, fact)
-            for name, about in line.entities.items():
-                if line.do == "remove":
-                    self.home.remove_entity(change.number, self._inserted(name))
-                else:
-                    self.home.add_entity(change.number, name, about)
-            self._add_facts(change, dict.fromkeys(line.added))
-
     def close(self) -> None:
         """Close the home. What is done with it afterwards is an ``InputError``."""
         with self._lock:
@@ -941,8 +922,7 @@ class LiveEmbedding:
 def open_live(folder: str | Path, durability: Durability = "full") -> LiveEmbedding:
     """Open the home of a folder, as ``isi train``, ``isi import`` or ``save`` writes it.
 
-    Several processes and threads may use a home at once, to read and to write. A folder that was
-    written before homes were databases becomes one; its files stay.
+    Several processes and threads may use a home at once, to read and to write.
 
     Args:
         durability: ``full``: a change is on the disk when it returns; ``normal``: a loss of power
@@ -962,8 +942,6 @@ def open_live(folder: str | Path, durability: Durability = "full") -> LiveEmbedd
     """
     path = Path(folder)
     check(durability, Durability, "", "argument 'durability'")  # type: ignore[arg-type]
-    if convert.is_old(path) and not (path / DATABASE).exists():
-        return _converted(path, durability)
     home = Home.opened(path, durability)
     try:
         with home.snapshot():
@@ -971,23 +949,6 @@ def open_live(folder: str | Path, durability: Durability = "full") -> LiveEmbedd
     except BaseException:
         home.close()
         raise
-
-
-def _converted(folder: Path, durability: Durability) -> LiveEmbedding:
-    """The home of a folder of a bundle and its journal, which are repeated."""
-    if folder.resolve().parts[-3:-1] == paths.FINAL_MODELS.parts:
-        expected = "is written by the pipeline: isi import makes a home of it"
-        raise InputError(folder, "", expected)
-    trained, lines = convert.trained_and_changes(folder)
-    made = LiveEmbedding(trained)
-    for number, line in enumerate(lines, 1):
-        with at(folder / convert.JOURNAL, f"change {number}"):
-            made._repeat(line)
-    if durability == "memory" or not os.access(folder, os.W_OK):
-        return made
-    with made:
-        made.home.write_to(folder, made.base, beside=True)
-    return open_live(folder, durability)
 
 
 def _unpacked(

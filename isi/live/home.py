@@ -25,7 +25,7 @@ from safetensors.numpy import load, save
 
 from isi.errors import InputError, at, short, unwritable
 from isi.graph.vocabulary import Vocabulary, ids_by_name
-from isi.live.bundle import Bundle, Fact, Manifest, NewEntity, check_numbers
+from isi.live.bundle import MANIFEST, Bundle, Fact, Manifest, NewEntity, check_numbers
 from isi.names import plain
 from isi.tables.io import atomically
 
@@ -248,7 +248,8 @@ class Home:
     def opened(cls, folder: Path, durability: Durability = "full") -> "Home":
         """The home of a folder. ``InputError`` where there is none, or another program's file."""
         if not (folder / DATABASE).is_file():
-            raise InputError(folder, "", f"expected a home: a folder with {DATABASE}")
+            files = "; of these files, isi import makes one" * (folder / MANIFEST).is_file()
+            raise InputError(folder, "", f"expected a home: a folder with {DATABASE}{files}")
         if durability == "memory":
             with cls._to_read(folder) as there:
                 return there.copied()
@@ -313,20 +314,18 @@ class Home:
         content[18:20] = b"\1\1"  # without WAL, which a database in memory cannot have
         return bytes(content)
 
-    def write_to(self, folder: Path, bundle: Bundle, beside: bool = False) -> None:
+    def write_to(self, folder: Path, bundle: Bundle) -> None:
         """Write a copy of the home, whose trained embedding is ``bundle``, into another folder, as
-        a whole or not at all; ``beside``: which may have other files, and keeps a home that is
-        there by then.
+        a whole or not at all.
         """
-        if not beside:
-            check_free(folder)
+        check_free(folder)
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise unwritable(folder, error) from error
         with self.copied() as copy:
             copy.set("vectors", write_vectors(folder, bundle))
-            if (folder / DATABASE).exists() and not beside:
+            if (folder / DATABASE).exists():
                 with Home._in_folder(folder, "full") as there, there._in_words():
                     copy.connection.backup(there.connection)
             else:

@@ -40,7 +40,6 @@ from isi.pykeen.reading import (
     tables_of,
     unwrapped,
 )
-from isi.renamed import renamed
 
 #: What serves facts about entities that are known.
 FURTHER_FACTS = (
@@ -116,7 +115,6 @@ class EnlargedModel:
         return repr(self.rows)
 
 
-@renamed(loss="trained_with", tolerance="harm", calibrate="choose")
 @usual_torch()
 def insert(
     model: PykeenModel | PipelineResult,

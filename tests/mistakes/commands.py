@@ -36,12 +36,6 @@ def of_pipeline() -> None:
     written(paths.final_model("mine"))
 
 
-def of_before() -> None:
-    """Write a folder of before homes were databases, with a change."""
-    line = '{"do": "remove", "facts": [["kettle", "atLocation", "kitchen"]]}\n'
-    (written(Path("old")) / "journal.jsonl").write_text(line, encoding="utf-8")
-
-
 def own_files() -> None:
     """Write triples, a home, plain files, and other folders and files of a user."""
     if not HOME.exists():

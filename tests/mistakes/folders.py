@@ -71,7 +71,7 @@ PLAIN: list[tuple[str, Callable[[], object]]] = [
     ("triples.tsv", lambda: (written(OLD) / "triples.tsv").unlink()),
     ("entities.tsv|SHA-256", lambda: (written(OLD) / "entities.tsv").write_text("x")),
     ("embedding.json", lambda: (written(OLD) / "embedding.json").write_bytes(b"{")),
-    ("embedding.json|version", manifest(version=2)),
+    ("embedding.json|version", manifest(version=1)),
     ("embedding.json|pickle", manifest(pickle="x")),
     ("vectors.safetensors", put("vectors.safetensors", b"x" * 50)),
     ("vectors.safetensors|tensor 'entities'", tensors(entities=np.full((6, 4), np.nan))),

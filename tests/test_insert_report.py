@@ -1,6 +1,4 @@
-"""The report of an insertion, and new rows after further training, by hand; and ``isi.fit_new``,
-the name of before.
-"""
+"""The report of an insertion, and new rows after further training, by hand."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -11,46 +9,16 @@ import pytest
 import torch
 
 import isi
-from isi.errors import InputError
 from isi.models.bilinear import DistMult
 from tests.small_embedding import (
     BETWEEN,
     ENTITIES,
     KNOWN_TRIPLES,
     LINE,
-    NAMES,
-    TRIPLES,
     call,
     on_a_line,
 )
 from tests.small_graphs import random_embedding
-
-# The name of before
-
-
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
-@pytest.mark.parametrize("known", [None, KNOWN_TRIPLES])
-def test_fit_new_says_what_to_type_and_trains_new_rows(dtype: Any, known: Any) -> None:
-    done = call(initializer="mean", known_triples=known)
-    given = done.entities.astype(dtype), done.relations.astype(dtype)
-    how: dict[str, Any] = {"new": 2, "model": done.details.model, "known_triples": known, **NAMES}
-    with pytest.warns(DeprecationWarning, match=r"insert\(...\).train\(epochs=5\); batch_size"):
-        entities, relations = isi.fit_new(*given, TRIPLES, epochs=3, batch_size=9, **how)
-    assert (entities.dtype, relations.dtype) == (dtype, dtype)
-    np.testing.assert_allclose(entities, done.train(epochs=3).entities, rtol=1e-4)
-    assert entities[:ENTITIES].tobytes() == given[0][:ENTITIES].tobytes()
-    assert relations.tobytes() == given[1].tobytes()
-
-
-@pytest.mark.filterwarnings("ignore:isi.fit_new")
-@pytest.mark.parametrize("new", [0, ENTITIES + 2, 1.5])
-def test_fit_new_refuses_another_number(new: Any) -> None:
-    done = call(initializer="mean")
-    with pytest.raises(InputError, match="argument 'new'"):
-        isi.fit_new(done.entities, done.relations, TRIPLES, new=new, model="distmult")
-
-
-# The report of an insertion, by hand
 
 
 def test_the_nearest_known_and_the_distance_from_their_cloud() -> None:
