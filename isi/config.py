@@ -5,10 +5,8 @@ plug-ins register by name.
 import importlib
 import inspect
 import pkgutil
-import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
-from importlib.metadata import entry_points
 from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, ClassVar, Generic, Self, TypeVar, cast, get_type_hints
@@ -223,9 +221,7 @@ def check_names(listed: Iterable[str], known: Iterable[str], key: str) -> None:
 
 
 class Plugins(Generic[T]):
-    """Objects that modules register by name: those of a package, except private ones,
-    and those that installed projects name as entry points of a group called as the package.
-    """
+    """Objects that the modules of a package register by name, except private modules."""
 
     def __init__(self, package: str) -> None:
         self.package = package
@@ -250,18 +246,4 @@ class Plugins(Generic[T]):
         for module in pkgutil.iter_modules(importlib.import_module(self.package).__path__):
             if not module.name.startswith("_"):
                 importlib.import_module(f"{self.package}.{module.name}")
-        _load_entry_points(self.package, tuple(sys.path))
         return sorted(self._registered)
-
-
-@cache
-def _load_entry_points(group: str, search_path: tuple[str, ...]) -> None:  # noqa: ARG001
-    """Import what installed projects name, once for a search path:
-    finding it takes milliseconds.
-    """
-    for entry in entry_points(group=group):
-        try:
-            entry.load()
-        except ImportError as error:
-            problem = f"{entry.value} cannot be imported ({error})"
-            raise InputError(f"plug-in {entry.name}", "", problem) from error

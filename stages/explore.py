@@ -17,15 +17,9 @@ from isi.tables import paths
 def explore(context: StageContext, graph: str) -> None:
     key, settings, params = f"graphs.{graph}", context.beyond.graphs[graph], context.params
     with at(paths.BEYOND_PARAMS, key):
-        tables = build_tables(
-            mined(graph, settings, params.seed, f"{key}.source"), settings.min_count
-        )
+        tables = build_tables(mined(graph, settings, params.seed, f"{key}.source"))
         if tables.triples.empty:
-            raise InputError(
-                "",
-                "source",
-                f"expected triples observed at least {settings.min_count} times, got none",
-            )
+            raise InputError("", "source", "expected triples, got none")
         store = Store.drawn(
             graph, tables, settings.words, settings.sessions, params.sessions, params.seed, key
         )

@@ -43,7 +43,6 @@ WORDS = {"source": "shipped", "text": "phrase", "sha256": None}
 GRAPH: dict[str, Any] = {
     "title": "again",
     "source": {"reader": "published"},
-    "min_count": 2,
     "words": WORDS,
     "sessions": SESSIONS,
     "initializers": ["xavier", "es"],

@@ -19,7 +19,7 @@ from tests.small_graphs import ANALOGY, points_of, random_graph
 
 ENTITIES, RELATIONS, SIZE, SEEDS = 14, 3, 2, [0, 1, 2, 3]
 GRAPH = random_graph(ENTITIES, RELATIONS, 90)
-SAMPLED = Negatives(mode="sampled", ratio=3, head_pool="unseen")
+SAMPLED = Negatives(mode="sampled", ratio=3)
 #: Options of the models whose options have no default.
 MODEL_OPTIONS: dict[str, dict[str, Option]] = {
     "transe": {"margin": 4.0, "squared": False},

@@ -13,11 +13,10 @@ ROOT = Path(__file__).parent.parent
 EPOCHS = 3
 #: Graphs of the small results: two of one source each, and one that is extended by a second source.
 GRAPHS = {
-    "home": {"source": "home", "min_count": 1},
-    "away": {"source": "away", "min_count": 1},
+    "home": {"source": "home"},
+    "away": {"source": "away"},
     "moved": {
         "source": "home",
-        "min_count": 1,
         "extend": {"source": "shop", "min_observations": 2, "candidates": 2, "always": ["fan"]},
     },
 }

@@ -11,14 +11,12 @@ from isi.training import batches
 from tests.small_graphs import graph_of, points_of, random_graph
 
 
-def one_triple(
-    head_pool: str, count: int = 2, relations: int = 2, entities: int = 4
-) -> batches.TrainingData:
+def one_triple(count: int = 2, relations: int = 2, entities: int = 4) -> batches.TrainingData:
     """Training data with the triple (0, 0, 1) alone; entity 3 is not in the session."""
     graph = graph_of({(0, 0, 1): count, (2, 0, 3): 5}, entities, relations)
     members = torch.tensor([[number != 3 for number in range(entities)]])
     session = Session(graph, members, torch.tensor([[TRAIN, OUT]], dtype=torch.int8))
-    return batches.training_data(session, "test", torch.tensor([[1, 0]]), head_pool)
+    return batches.training_data(session, "test", torch.tensor([[1, 0]]))
 
 
 def observations(data: batches.TrainingData) -> list[np.ndarray]:
@@ -65,11 +63,11 @@ def points() -> GridPoints:
 
 @pytest.fixture
 def data(points: GridPoints) -> batches.TrainingData:
-    return batches.training_data(points.session(0), "test", points.keys(), "unseen")
+    return batches.training_data(points.session(0), "test", points.keys())
 
 
 def test_expected_negatives_by_hand() -> None:
-    data = one_triple("unseen")
+    data = one_triple()
     negatives_of = batches.expected_negatives(
         data, batches.count_positives(data, observations(data)), 9
     )[0]
@@ -82,25 +80,31 @@ def test_expected_negatives_by_hand() -> None:
     torch.testing.assert_close(negatives_of, expected)
 
 
-def test_heads_come_from_everyone_by_choice_or_where_the_pool_is_empty() -> None:
+def test_heads_come_from_everyone_for_lists_or_where_the_pool_is_empty(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     everyone = torch.tensor([1.0, 1, 1, 0])
-    assert torch.equal(one_triple("all").head_pool, everyone.expand(1, 2, 4))
-    unseen = one_triple("unseen").head_pool[0]
+    unseen = one_triple().head_pool[0]
     assert torch.equal(unseen, torch.stack([torch.tensor([0.0, 1, 1, 0]), everyone]))
+    with monkeypatch.context() as patch:
+        patch.setattr(batches, "DENSE_LIMIT", 0)
+        assert torch.equal(one_triple().head_pool, everyone.expand(1, 2, 4))
     graph = graph_of({(0, 0, 1): 1, (1, 0, 2): 1, (2, 0, 0): 1, (1, 1, 0): 1}, 3, 2)
     data = batches.training_data(
         session_of(graph, torch.zeros(1, 4, dtype=torch.int8)),
         "t",
         torch.tensor([[0, 0]]),
-        "unseen",
     )
     assert data.head_pool[0].tolist() == [[1, 1, 1], [1, 0, 1]]  # relation 1 keeps its pool
 
 
-@pytest.mark.parametrize("head_pool", ["unseen", "all"])
-def test_expected_negatives_are_the_mean_of_sampled_ones(head_pool: str) -> None:
+@pytest.mark.parametrize("limit", [batches.DENSE_LIMIT, 0])
+def test_expected_negatives_are_the_mean_of_sampled_ones(
+    limit: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(batches, "DENSE_LIMIT", limit)
     points, draws, ratio = points_of(random_graph(6, 3, 20), 1, [0, 1]), 600, 4
-    data = batches.training_data(points.session(0), "test", points.keys(), head_pool)
+    data = batches.training_data(points.session(0), "test", points.keys())
     expected = batches.expected_negatives(
         data, batches.count_positives(data, observations(data)), ratio
     )
@@ -123,8 +127,8 @@ def test_sampled_negatives_stay_in_the_session_and_with_their_batch(
 
 
 def test_each_epoch_and_batch_samples_its_own_negatives() -> None:
-    data = one_triple("unseen", count=60, entities=20)  # all batches have the same positives
-    sampling = batches.Negatives(mode="sampled", ratio=3, head_pool="unseen")
+    data = one_triple(count=60, entities=20)  # all batches have the same positives
+    sampling = batches.Negatives(mode="sampled", ratio=3)
     epochs = [list(batches.batches(data, sampling, 20, 0, epoch)) for epoch in (1, 2, 1)]
     (first, second, _), (of_next, *_), (again, *_) = (
         [batch.negatives for batch, _ in epoch] for epoch in epochs
@@ -135,7 +139,7 @@ def test_each_epoch_and_batch_samples_its_own_negatives() -> None:
 
 
 def test_a_lone_relation_is_not_corrupted() -> None:
-    data = one_triple("unseen", count=5, relations=1)
+    data = one_triple(count=5, relations=1)
     assert sampled(data, 9, 0, 1).sum() == 2 * 45
     positives = batches.count_positives(data, observations(data))
     assert batches.expected_negatives(data, positives, 9).sum() == pytest.approx(90)
@@ -165,7 +169,7 @@ def test_a_batch_has_the_form_that_suits_the_graph(
     """Each observation is in exactly one batch."""
     monkeypatch.setattr(batches, "DENSE_LIMIT", 3 * 13 * 13 - (not fits))
     total = torch.zeros(4, dtype=torch.int64)
-    negatives = batches.Negatives(mode=mode, ratio=3, head_pool="unseen")
+    negatives = batches.Negatives(mode=mode, ratio=3)
     for batch, positives in batches.batches(data, negatives, size, 0, 1):
         total += positives
         if fits:
@@ -190,7 +194,7 @@ def test_touched_rows_by_hand() -> None:
 def test_both_forms_of_a_batch_touch_the_same_rows(
     data: batches.TrainingData, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    negatives = batches.Negatives(mode="sampled", ratio=1, head_pool="unseen")
+    negatives = batches.Negatives(mode="sampled", ratio=1)
     dense = [batch for batch, _ in batches.batches(data, negatives, 1, 0, 1)]
     monkeypatch.setattr(batches, "DENSE_LIMIT", 0)
     lists = [batch for batch, _ in batches.batches(data, negatives, 1, 0, 1)]
@@ -201,12 +205,12 @@ def test_both_forms_of_a_batch_touch_the_same_rows(
 
 @pytest.mark.parametrize("count", [50, 5000])  # of which many fall on one triple
 def test_true_relation_is_never_a_corrupted_one(count: int) -> None:
-    drawn = sampled(one_triple("unseen", count=count), 9, 0, 1)[0]
+    drawn = sampled(one_triple(count=count), 9, 0, 1)[0]
     assert drawn[1, 0, 1] == drawn[1].sum() == 9 * count
 
 
 def test_data_count_training_observations_alone(points: GridPoints) -> None:
-    data = batches.training_data(points.last_session, "test", points.keys(), "all")
+    data = batches.training_data(points.last_session, "test", points.keys())
     train = torch.from_numpy(points.splits) == TRAIN
     assert torch.equal(data.counts, torch.where(train, points.graph.counts, 0))
 

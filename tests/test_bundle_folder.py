@@ -87,7 +87,7 @@ def test_all_triples_are_learned_in_as_many_epochs() -> None:
             keys,
         )
     )
-    data = training_data(session, "training", keys, config.negatives.head_pool)
+    data = training_data(session, "training", keys)
     assert data.counts.sum() == graph.counts.sum()
     for epoch in (1, 2, 3):
         run_epoch(state, data, config.negatives, config.training, config.root, epoch)

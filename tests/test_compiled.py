@@ -21,7 +21,7 @@ from isi.training.compiled import MEMORY, update
 from isi.training.trainer import Optimizer, State, is_compiled, run_batches, run_epoch, start
 from tests.small_graphs import points_of, random_embedding, random_graph
 
-SAMPLED = Negatives(mode="sampled", ratio=3, head_pool="unseen")
+SAMPLED = Negatives(mode="sampled", ratio=3)
 SINGLY = Optimizer(batch_size=1, learning_rate=0.1, weight_decay=1e-3, max_epochs=1)
 KINDS = ("analogy", "distmult", "complex")
 
@@ -36,7 +36,7 @@ def begin(points: GridPoints, kind: str = "analogy") -> State:
 
 
 def small_data(points: GridPoints) -> TrainingData:
-    return training_data(points.session(0), "test", points.keys(), "unseen")
+    return training_data(points.session(0), "test", points.keys())
 
 
 def tensors(state: State) -> list[torch.Tensor]:

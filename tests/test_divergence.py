@@ -19,7 +19,7 @@ from isi.training.trainer import Optimizer, start, train
 from tests.small_graphs import ANALOGY, points_of, random_embedding, random_graph, score_all
 from tests.small_grid import LEARNING, insert_tasks, theta0, training_tasks
 
-SAMPLED = Negatives(mode="sampled", ratio=3, head_pool="unseen")
+SAMPLED = Negatives(mode="sampled", ratio=3)
 STEEP = Optimizer(batch_size=50, learning_rate=1e30, weight_decay=1e-3, max_epochs=6)
 
 
@@ -44,7 +44,7 @@ def test_vectors_below_the_bound_have_finite_scores() -> None:
 
 def diverging(embedding: Embedding, settings: Optimizer, seeds: list[int]) -> NotFinite:
     points = points_of(random_graph(13, 3, 80), 2, seeds)
-    data = training_data(points.last_session, "training", points.keys(), "unseen")
+    data = training_data(points.last_session, "training", points.keys())
 
     def onward(_: int, __: Embedding, models: torch.Tensor) -> torch.Tensor:
         # model 1 stops at the first call

@@ -69,17 +69,6 @@ def test_columns_with_categories_count_like_plain_ones() -> None:
     assert triples["count"].sum() == 8
 
 
-@pytest.mark.parametrize(
-    ("min_count", "number", "entities"), [(1, 5, 5), (2, 1, 2), (5, 1, 2), (6, 0, 0)]
-)
-def test_triples_below_the_minimum_count_are_dropped_with_the_entities_of_no_other(
-    min_count: int, number: int, entities: int
-) -> None:
-    graph = build_tables(MinedSource("home", observations(), KINDS), min_count)
-    assert graph.triples.index.tolist() == list(range(number))
-    assert len(graph.entities) == entities
-
-
 def test_entities_are_in_alphabetical_order_with_the_kinds_and_phrases_of_their_source() -> None:
     graph = build_tables(MinedSource("home", observations(), KINDS))
     assert rows(graph.entities, graphs.ENTITIES) == [
@@ -283,4 +272,4 @@ def test_more_entities_that_are_always_drawn_than_are_drawn_are_refused(always: 
     with pytest.raises(
         InputError, match=r"^params\.yaml: experiments\.x\.graph\.extend[.:].*always"
     ):
-        check({"source": "home", "min_count": 1, "extend": values}, GraphOf, "experiments.x.graph")
+        check({"source": "home", "extend": values}, GraphOf, "experiments.x.graph")

@@ -5,7 +5,6 @@ and the data of fine-tuning.
 from dataclasses import replace
 
 import numpy as np
-import pytest
 import torch
 
 from isi.evaluation.query_sets import CONVERGING
@@ -22,7 +21,7 @@ from isi.training.batches import Negatives, training_data
 from isi.training.trainer import Optimizer, never_stop
 from tests.small_insertion import NOVEL, points_at, world
 
-NEGATIVES = Negatives(mode="sampled", ratio=2, head_pool="unseen")
+NEGATIVES = Negatives(mode="sampled", ratio=2)
 OPTIMIZER = Optimizer(batch_size=50, learning_rate=0.05, weight_decay=1e-3, max_epochs=3)
 #: Insertion by ES into random vectors, fine-tuned for all epochs.
 CONFIG = InsertConfig("es", {"k": 3}, 0, NEGATIVES, OPTIMIZER, 0.0, [NOVEL.shape[1]])
@@ -40,20 +39,16 @@ def test_the_mask_is_of_each_models_own_insert_triples() -> None:
     assert points.insert_mask(1).tolist() == expected
 
 
-def trained(purpose: str, pool: str) -> Embedding:
-    """Θ¹ from a direct call of ``trainer.train``, with a purpose and a head pool."""
-    data = training_data(POINTS.session(1), purpose, POINTS.keys(), pool, torch.as_tensor(NOVEL))
+def trained(purpose: str) -> Embedding:
+    """Θ¹ from a direct call of ``trainer.train``, with a purpose."""
+    data = training_data(POINTS.session(1), purpose, POINTS.keys(), torch.as_tensor(NOVEL))
     return trainer.train(WORLD.theta0, data, NEGATIVES, OPTIMIZER, 0, never_stop)
 
 
-@pytest.mark.parametrize("pool", ["all", "unseen"])
-def test_fine_tuning_draws_for_its_own_purpose_from_the_pool_that_params_name(pool: str) -> None:
-    config = replace(CONFIG, negatives=NEGATIVES.model_copy(update={"head_pool": pool}))
-    finetuned = finetune(POINTS, WORLD.theta0, config, never_stop).entity
-    other = {"all": "unseen", "unseen": "all"}[pool]
-    assert torch.equal(finetuned, trained("fine-tuning", pool).entity)
-    assert not torch.equal(finetuned, trained("fine-tuning", other).entity)
-    assert not torch.equal(finetuned, trained("training", pool).entity)
+def test_fine_tuning_draws_for_its_own_purpose() -> None:
+    finetuned = finetune(POINTS, WORLD.theta0, CONFIG, never_stop).entity
+    assert torch.equal(finetuned, trained("fine-tuning").entity)
+    assert not torch.equal(finetuned, trained("training").entity)
 
 
 def test_where_new_rows_go_first_they_are_those_of_the_session() -> None:

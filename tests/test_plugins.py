@@ -51,30 +51,6 @@ def test_names_are_those_that_modules_or_users_register_and_not_what_modules_sha
     )
 
 
-def test_an_installed_project_adds_modules_as_entry_points(
-    dishes: Plugins[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "bakery.py").write_text(
-        f"from {dishes.package} import DISHES\nDISHES.register('bread', 'a loaf')\n",
-        encoding="utf-8",
-    )
-    project = tmp_path / "bakery-1.0.dist-info"
-    project.mkdir()
-    (project / "METADATA").write_text("Name: bakery\nVersion: 1.0\n", encoding="utf-8")
-    entries = f"[{dishes.package}]\nbread = bakery\n"
-    (project / "entry_points.txt").write_text(entries, encoding="utf-8")
-    assert dishes.get("bread") == "a loaf"
-    assert dishes.names() == ["bread", "roast", "soup", "stew"]
-    another = tmp_path / "another" / "cakes-1.0.dist-info"
-    another.mkdir(parents=True)
-    (another / "METADATA").write_text("Name: cakes\nVersion: 1.0\n", encoding="utf-8")
-    entries = f"[{dishes.package}]\ncake = bakery_of_tomorrow\n"
-    (another / "entry_points.txt").write_text(entries, encoding="utf-8")
-    monkeypatch.syspath_prepend(another.parent)
-    with pytest.raises(InputError, match="cake: bakery_of_tomorrow cannot be imported"):
-        dishes.names()
-
-
 def test_a_name_that_no_module_registers_is_refused_with_those_that_are_known(
     dishes: Plugins[str],
 ) -> None:

@@ -13,7 +13,7 @@ from tests.small_graphs import generator, points_of, random_graph
 #: As ``generator`` has it.
 ROOT = 0
 POINTS = points_of(random_graph(12, 3, 60), 2, [5, 6])
-DATA = training_data(POINTS.session(0), "test", POINTS.keys(), "unseen")
+DATA = training_data(POINTS.session(0), "test", POINTS.keys())
 
 
 def may_leave_train(order: np.ndarray, triples: list[list[int]]) -> list[int]:

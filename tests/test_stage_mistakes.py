@@ -52,12 +52,6 @@ __all__ = ["says", "workspace"]  # fixtures
     [
         ("\nseed:", "\nsede:", "mine ai2thor", "sede: "),
         ("reader: ai2thor", "reader: ai2tor", "mine ai2thor", "sources.ai2thor.reader"),
-        (
-            "min_count: 1 ",
-            f"min_count: 1{'0' * 30}",
-            "build_graph ai2thor",
-            "experiments.ai2thor.graph.min_count",
-        ),
         # a file of that name
         ("source: shipped", f"source: {'ab' * 5000}", "embed_words ai2thor", ""),
         ("\n    k: 8", "\n    kk: 8", "insert ai2thor es", "initializers.es.kk"),

@@ -252,9 +252,7 @@ def test_a_batch_of_all_observations_warns(size: int, capsys: pytest.CaptureFixt
     )
     warn_of_batch(
         points,
-        TrainConfig(
-            0, DistMult(), 8, 0.01, Negatives(mode="expected", ratio=1, head_pool="all"), training
-        ),
+        TrainConfig(0, DistMult(), 8, 0.01, Negatives(mode="expected", ratio=1), training),
     )
     assert ("batch_size" in capsys.readouterr().err) == (size > 1)
 

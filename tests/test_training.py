@@ -30,8 +30,8 @@ from isi.training.trainer import (
 )
 from tests.small_graphs import ANALOGY, graph_of, points_of, random_embedding, random_graph
 
-SAMPLED = Negatives(mode="sampled", ratio=3, head_pool="unseen")
-EXPECTED = Negatives(mode="expected", ratio=3, head_pool="unseen")
+SAMPLED = Negatives(mode="sampled", ratio=3)
+EXPECTED = Negatives(mode="expected", ratio=3)
 TUNING = Optimizer(batch_size=50, learning_rate=0.05, weight_decay=1e-3, max_epochs=6)
 
 
@@ -104,7 +104,7 @@ def test_a_graph_too_large_for_tables_learns_the_same_from_lists(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     points = small_points()
-    data = training_data(points.session(0), "test", points.keys(), "unseen")
+    data = training_data(points.session(0), "test", points.keys())
     small, large = start(start_of(points)), start(start_of(points))
     run_epoch(small, data, SAMPLED, TUNING, 0, 1)
     monkeypatch.setattr("isi.training.batches.DENSE_LIMIT", 0)
@@ -120,7 +120,7 @@ def test_a_graph_too_large_for_tables_learns_the_same_from_lists(
 def test_entities_outside_the_session_stay_zero(negatives: Negatives) -> None:
     points = small_points()
     state, members = start(start_of(points)), points.session(0).entities
-    data = training_data(points.session(0), "test", points.keys(), "unseen")
+    data = training_data(points.session(0), "test", points.keys())
     before = state.embedding.entity.clone()
     for epoch in (1, 2):
         run_epoch(state, data, negatives, TUNING, 0, epoch)
@@ -135,7 +135,7 @@ FITTING = Training(
 
 def fitted(seeds: list[int], settings: Training = FITTING) -> tuple[Embedding, pd.DataFrame]:
     points = small_points(seeds)
-    data = training_data(points.session(0), "test", points.keys(), "unseen")
+    data = training_data(points.session(0), "test", points.keys())
     best, looks = train_until_best(start_of(points, 0.01), data, SAMPLED, settings, 0)
     return best, pd.concat(looks)
 
@@ -182,7 +182,7 @@ def tuned(seeds: list[int], targets: dict[str, Tensor], full_curves: bool = Fals
     watch = ConvergenceWatch(
         epoch_query_sets(points.last_session, points.novel_in(1)), targets, full_curves
     )
-    data = training_data(points.last_session, "test", points.keys(), "unseen")
+    data = training_data(points.last_session, "test", points.keys())
     train(start_of(points), data, SAMPLED, TUNING, 0, watch)
     return pd.concat(watch.looks)
 
@@ -219,7 +219,7 @@ def test_fine_tuning_stops_for_each_model_once_it_has_converged_everywhere() -> 
 def test_training_gives_each_model_as_it_was_when_it_left() -> None:
     points = small_points()
     data, stays = (
-        training_data(points.session(0), "test", points.keys(), "all"),
+        training_data(points.session(0), "test", points.keys()),
         torch.tensor([0, 3, 1, 6]),
     )
 
@@ -240,7 +240,7 @@ def test_training_gives_each_model_as_it_was_when_it_left() -> None:
 def test_new_rows_move_alone_at_first_and_everything_after_that() -> None:
     points = small_points()
     novel = points.novel_in(1)
-    data = training_data(points.last_session, "test", points.keys(), "unseen", novel)
+    data = training_data(points.last_session, "test", points.keys(), novel)
     state = start(uniform(points.last_session.entities, 3, ANALOGY, 12, 0.5, 0, points.keys()))
     settings = TUNING.model_copy(update={"new_rows_first": 2})
     is_new = membership(novel, 13)
@@ -292,7 +292,7 @@ def test_updates_by_one_observation_decay_by_the_dimension_and_on_touched_rows_a
     """With so large a decay, a touched row's gradient is γ / d times the row."""
     points = small_points([0])
     model = make_model(kind, {"margin": 2.0, "squared": True} if kind == "transe" else {}, kind)
-    data = training_data(points.session(0), "test", points.keys(), "unseen")
+    data = training_data(points.session(0), "test", points.keys())
     data = replace(data, counts=first_alone(data.counts))
     embedding = random_embedding(1, 13, 3, 12, model=model)
     settings = Optimizer(batch_size=1, learning_rate=1e-2, weight_decay=12e6, max_epochs=1)
@@ -317,7 +317,7 @@ def test_updates_by_one_observation_decay_by_the_dimension_and_on_touched_rows_a
 def test_new_rows_move_alone_at_first_by_single_observations_too() -> None:
     points = small_points([0])
     novel = points.novel_in(1)
-    data = training_data(points.last_session, "test", points.keys(), "unseen", novel)
+    data = training_data(points.last_session, "test", points.keys(), novel)
     session, keys = points.last_session.entities, points.keys()
     embedding = uniform(session, 3, ANALOGY, 12, 0.5, 0, keys)
     settings = TUNING.model_copy(update={"new_rows_first": 1, "batch_size": 1})
@@ -343,7 +343,7 @@ def test_fit_validates_the_last_epoch_too_and_a_plateau_is_no_better() -> None:
 @pytest.mark.usefixtures("form")
 def test_no_observation_is_no_step() -> None:
     points = small_points()
-    data = training_data(points.last_session, "test", points.keys(), "all")
+    data = training_data(points.last_session, "test", points.keys())
     only = replace(data, counts=data.counts * 0)
     state, before = start(start_of(points)), start_of(points)
     run_epoch(state, only, EXPECTED, TUNING, 0, 1)

@@ -78,9 +78,9 @@ def test_theta0_is_trained_until_what_it_knows_scores_above_what_it_does_not() -
         root=0,
         keys=SIZE_AND_SEED,
     )
-    data = training_data(D0, "training", SIZE_AND_SEED, head_pool="all")
+    data = training_data(D0, "training", SIZE_AND_SEED)
     optimizer = Optimizer(batch_size=4, learning_rate=0.1, weight_decay=0.0, max_epochs=100)
-    negatives = Negatives(mode="expected", ratio=2, head_pool="all")
+    negatives = Negatives(mode="expected", ratio=2)
     theta0 = train(
         start, data, negatives, optimizer, root=0, watch=lambda _epoch, _theta, models: models >= 0
     )

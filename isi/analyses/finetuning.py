@@ -48,6 +48,6 @@ def finetune_only(
     """
     queries = {SCOPE: epoch_query_sets(points.session(1), points.novel_in(1))[SCOPE]}
     watch = ConvergenceWatch(queries, {}, full_curves=True)
-    data = training_data(points.session(0), "fine-tuning", points.keys(), negatives.head_pool)
+    data = training_data(points.session(0), "fine-tuning", points.keys())
     train(theta0, data, negatives, optimizer, root, watch)
     return run_rows(points, 1, watch.looks)

@@ -78,7 +78,6 @@ class GraphExperiment(Section):
 
     title: str  #: in the report
     source: dict[str, Any]  #: a reader and its settings, as under ``sources``
-    min_count: Count = 1  #: unique triples observed less often are dropped
     words: Words
     sessions: Annotated[SessionsOf, ensure(lambda sessions: len(sessions.sizes) == 1, "one size")]
     initializers: Annotated[list[Name], Field(min_length=1)]

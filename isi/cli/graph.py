@@ -9,7 +9,7 @@ import pandas as pd
 from cyclopts import Parameter
 
 from isi import config
-from isi.cli import FROM_ONE, Settings, lines, settings, show
+from isi.cli import Settings, lines, settings, show
 from isi.cli.output import Replace, paths_in, write_outputs
 from isi.config import Seed, check
 from isi.graph.files import graph_files, path_of, read_graph
@@ -35,9 +35,6 @@ def graph(
     set: Annotated[
         Settings, Parameter(help="KEY=VALUE: a setting of the reader, as in params.yaml")
     ] = (),
-    min_count: Annotated[
-        int, Parameter(validator=FROM_ONE, help="drop triples with fewer observations")
-    ] = 1,
     out: Annotated[
         Path | None, Parameter(help="folder for triples.csv and entities.csv, which is a FILE")
     ] = None,
@@ -49,7 +46,7 @@ def graph(
     values = config.read(paths.PARAMS) if paths.PARAMS.exists() else {}
     seed = check(values.get("seed", 0), Seed, "seed")
     of_reader = settings(set)
-    tables, read = read_graph(files, reader, of_reader, min_count, seed)
+    tables, read = read_graph(files, reader, of_reader, seed)
     described = describe(tables, values)
     contents = {out / name: content for name, content in graph_files(tables).items()} if out else {}
     write_outputs(contents, [*map(path_of, files), *paths_in(of_reader)], replace)

@@ -48,9 +48,6 @@ def train(
         str | None, Parameter(help="name of a reader; default: by the suffix")
     ] = None,
     set: Annotated[Settings, Parameter(help="KEY=VALUE: a setting of the reader")] = (),
-    min_count: Annotated[
-        int, Parameter(validator=FROM_ONE, help="drop triples with fewer observations")
-    ] = 1,
 ) -> None:
     """Read files as ``isi graph`` does, train an embedding of their graph, and make it a home.
     FILE may be a home: it is trained again on all that holds.
@@ -73,7 +70,7 @@ def train(
     names = flags(**{name: f"--{name.replace('_', '-')}" for name in options})
     again = next((Path(file) for file in files if is_home(Path(file))), None)
     if again is not None:
-        if len(files) > 1 or out or entities or reader or set or min_count > 1:
+        if len(files) > 1 or out or entities or reader or set:
             expected = "expected no other FILE and no option of files: a home is trained as it is"
             raise InputError(again, "", expected)
         with open_live(again) as live, names:
@@ -86,7 +83,7 @@ def train(
     of_reader = settings(set)
     refuse_inputs([out], [*map(path_of, files), *filter(None, [entities]), *paths_in(of_reader)])
     check_free(out)
-    tables, read = read_graph(files, reader, of_reader, min_count, seed)
+    tables, read = read_graph(files, reader, of_reader, seed)
     note = ""
     if entities:
         tables, note = described(tables, entities)

@@ -204,10 +204,8 @@ def finetune(
     """Fine-tune Θ, with a session's novel entities in it, on the session;
     ``watch`` as in ``train`` (section 5.2).
     """
-    keys, pool = points.keys(*later_key(session)), config.negatives.head_pool
-    data = training_data(
-        points.session(session), "fine-tuning", keys, pool, points.novel_in(session)
-    )
+    keys, novel = points.keys(*later_key(session)), points.novel_in(session)
+    data = training_data(points.session(session), "fine-tuning", keys, novel)
     return trainer.train(theta, data, config.negatives, config.optimizer, config.root, watch)
 
 

@@ -65,7 +65,7 @@ def training_start(
     session, keys = points.session(number), points.keys(*([number] if number else []))
     shape = len(points.graph.relations), config.model, config.dimension, config.init_range
     start = uniform(session.entities, *shape, config.root, keys)
-    return start, training_data(session, "training", keys, config.negatives.head_pool)
+    return start, training_data(session, "training", keys)
 
 
 def train_stack(points: GridPoints, config: TrainConfig, session: int = 0) -> TrainResult:

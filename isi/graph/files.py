@@ -34,15 +34,13 @@ def read_graph(
     files: Sequence[str | Path],
     reader: str | None = None,
     settings: Mapping[str, Any] | None = None,
-    min_count: int = 1,
     seed: int = 0,
 ) -> tuple[GraphTables, dict[str, dict[str, Any]]]:
     """The graph of files or folders, and by file the name of its reader
     (that of ``reader_of`` if None) and what that counted.
 
-    ``ROOM=FILE`` gives the scenes of a file a room. ``settings`` are those of the reader;
-    ``min_count``: triples with fewer observations are dropped. InputError for a file that cannot be
-    read, two kinds of an entity, or no triples.
+    ``ROOM=FILE`` gives the scenes of a file a room. ``settings`` are those of the reader.
+    InputError for a file that cannot be read, two kinds of an entity, or no triples.
     """
     seen, kinds, read = [], [], {}
     paths_read = set[Path]()
@@ -65,11 +63,9 @@ def read_graph(
         shown = str(file).encode(errors="backslashreplace").decode()
         read[shown] = {"reader": name, **source.counts}
     named = _one_kind_each(pd.concat(kinds), files)
-    tables = build_tables(MinedSource("files", pd.concat(seen), named), min_count)
+    tables = build_tables(MinedSource("files", pd.concat(seen), named))
     if tables.triples.empty:
-        raise InputError(
-            files[0], "", f"expected a triple of count {min_count} (--min-count) or more, got none"
-        )
+        raise InputError(files[0], "", "expected a triple, got none")
     return tables, read
 
 

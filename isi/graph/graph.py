@@ -134,7 +134,6 @@ class GraphOf(Section):
     """``graph`` of an experiment in params: the sources that it is built from."""
 
     source: Name
-    min_count: Count
     extend: Extension | None = None
 
 
@@ -165,16 +164,13 @@ class GraphTables:
         )
 
 
-def build_tables(seen: MinedSource, min_count: int = 1) -> GraphTables:
-    """Sorted triples of count ≥ ``min_count``, and their entities;
-    InputError for no kind or too many observations.
-    """
+def build_tables(seen: MinedSource) -> GraphTables:
+    """Sorted triples and their entities; InputError for no kind or too many observations."""
     if seen.observations["count"].sum() > MOST_OBSERVED:
         raise InputError(seen.source, "observations", f"expected at most {MOST_OBSERVED:,} in all")
     key = ["head", "relation", "tail"]
     plain = seen.observations.astype(dict.fromkeys(key, str))
-    counts = plain.groupby(key, sort=True, observed=True)["count"].sum().reset_index()
-    triples = counts[counts["count"] >= min_count].reset_index(drop=True)
+    triples = plain.groupby(key, sort=True, observed=True)["count"].sum().reset_index()
     names = set(triples["head"]) | set(triples["tail"])
     if missing := names - set(seen.kinds["entity"]):
         raise InputError(
@@ -193,7 +189,7 @@ def tables_of(
     """The graph that ``settings`` describe, as tables; ``mined`` gives a source;
     prints how many entities it adds.
     """
-    tables = build_tables(mined(settings.source), settings.min_count)
+    tables = build_tables(mined(settings.source))
     if settings.extend is None:
         return tables
     source = mined(settings.extend.source)

@@ -416,7 +416,7 @@ class Plan:
 def plan_of(whole: Graph, dimension: int, budget: float) -> Plan:
     """Counts, batches and negatives by the size of a graph and the budget."""
     dense = is_dense(whole)
-    mode, ratio, pool = ("expected", 9, "unseen") if dense else ("sampled", SAMPLED, "all")
+    mode, ratio = ("expected", 9) if dense else ("sampled", SAMPLED)
     most = max(OBSERVED, PER_TRIPLE * len(whole.triples))
     if not dense:  # time grows with the observations, and one setting is always tried
         seconds_each = dimension * (1 + 3 * ratio) / LIST_RATE
@@ -429,7 +429,7 @@ def plan_of(whole: Graph, dimension: int, budget: float) -> Plan:
     listed = observed * (1 + 3 * ratio) + updates * (entities + relations)
     work = updates * cells * 6 / DENSE_RATE if dense else listed / LIST_RATE
     seconds = updates * OVERHEAD + dimension * work
-    negatives = check({"mode": mode, "ratio": ratio, "head_pool": pool}, Negatives, "", "")
+    negatives = check({"mode": mode, "ratio": ratio}, Negatives, "", "")
     return Plan(graph, batch_size, negatives, cells, seconds)
 
 

@@ -31,7 +31,6 @@ class Negatives(Section):
 
     mode: Literal["sampled", "expected"]
     ratio: Count
-    head_pool: Literal["unseen", "all"]
 
 
 @dataclass(frozen=True)
@@ -114,20 +113,20 @@ class Corrupted:
 
 
 def training_data(
-    session: Session, purpose: str, keys: Tensor, head_pool: str, novel: Tensor | None = None
+    session: Session, purpose: str, keys: Tensor, novel: Tensor | None = None
 ) -> TrainingData:
     """The training data of a stack; ``novel``: ids, (M, n),
     of entities that the previous session lacks; None: all.
 
-    ``head_pool``: ``all`` entities, or those ``unseen`` as head of a relation in train, if any. See
-    ``TrainingData``.
+    Corrupted heads of a relation are entities that are never its head in train, if there are any;
+    where batches are lists, all entities.
     """
     graph, train = session.graph, session.members(TRAIN)
     heads = (
         torch.zeros(len(keys), len(graph.relations), len(graph.entities))
         + session.entities[:, None]
     )
-    if head_pool == "unseen":
+    if is_dense(graph):
         seen = torch.zeros_like(heads, dtype=torch.bool)
         models, triples = train.nonzero(as_tuple=True)
         seen[models, graph.triples[triples, RELATION], graph.triples[triples, HEAD]] = True

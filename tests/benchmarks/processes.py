@@ -181,7 +181,7 @@ def grow_graph(entities: int, triples: int, form: str) -> dict[str, Any]:
     session = session_of(
         graph, torch.from_numpy(split(graph, root, 0, shares.valid, shares.test))[None]
     )
-    data = batches.training_data(session, "training", keys, negatives.head_pool)
+    data = batches.training_data(session, "training", keys)
     start = uniform(
         session.entities, RELATIONS, model, settings.dimension, settings.init_range, root, keys
     )

@@ -24,7 +24,7 @@ from isi.training.batches import Negatives, training_data
 from isi.training.trainer import Training, train_until_best
 
 DIMENSION = 100
-NEGATIVES = Negatives(mode="expected", ratio=9, head_pool="unseen")
+NEGATIVES = Negatives(mode="expected", ratio=9)
 SETTINGS = Training(
     batch_size=256,
     learning_rate=0.5,
@@ -81,7 +81,7 @@ def ours(name: str, session: Session) -> Embedding:
     start = uniform(
         session.entities, len(session.graph.relations), family, DIMENSION, 0.01, 0, keys
     )
-    data = training_data(session, "training", keys, NEGATIVES.head_pool)
+    data = training_data(session, "training", keys)
     return train_until_best(start, data, NEGATIVES, SETTINGS, 0)[0]
 
 

@@ -129,9 +129,7 @@ def test_stack(
     benchmark: Any, home: Graph, params: Params, models: int, mode: str, name: str
 ) -> None:
     keys = torch.tensor([[0, seed] for seed in range(models)])
-    data = training_data(
-        split_session(home, params, models), "training", keys, params.negatives.head_pool
-    )
+    data = training_data(split_session(home, params, models), "training", keys)
     scored = int(data.counts.sum()) * (1 + len(home.relations) * params.negatives.ratio)
     label = type(make_model(name, params.models[name], name)).__name__
     epoch = epoch_of(params, data, name, mode, params.training)
@@ -191,9 +189,7 @@ def test_pykeen(benchmark: Any, home: Graph, params: Params, observations: Tenso
 @pytest.mark.parametrize("name", ["analogy", "distmult", "complex", "batches of one"])
 def test_single_observations(benchmark: Any, home: Graph, params: Params, name: str) -> None:
     keys, compiled = torch.zeros(1, 2, dtype=torch.int64), name != "batches of one"
-    data = training_data(
-        split_session(home, params, 1), "training", keys, params.negatives.head_pool
-    )
+    data = training_data(split_session(home, params, 1), "training", keys)
     if not compiled:
         data, name = replace(data, counts=(data.counts.cumsum(1) <= FEW) * data.counts), "analogy"
     epoch = epoch_of(
@@ -216,7 +212,7 @@ def test_updates_by_number_of_entities(benchmark: Any, params: Params, entities:
     counts = torch.full_like(graph.counts, OBSERVATIONS // len(graph.counts))
     splits = torch.full((1, len(counts)), TRAIN, dtype=torch.int8)
     everything = session_of(replace(graph, counts=counts), splits)
-    data = training_data(everything, "training", keys, params.negatives.head_pool)
+    data = training_data(everything, "training", keys)
     few = replace(data, counts=(data.counts.cumsum(1) <= FEW) * data.counts)
     settings = params.training.model_copy(update={"batch_size": 1})
     plain = epoch_of(params, few, "analogy", "sampled", settings)

@@ -31,12 +31,6 @@ GRAPH_CASES = [
         "--set",
         status=2,
     ),
-    Typed(
-        "a number of thousands of digits",
-        f"graph log.csv --min-count {'9' * 5000}",
-        "--min-count",
-        status=2,
-    ),
     Typed("JSON in another encoding", "graph a.json", "a.json", before=put({"a.json": b"\xff"})),
     Typed(
         "lists in lists, 200,000 deep",
