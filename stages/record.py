@@ -5,33 +5,11 @@ params.yaml, which no stage of a pipeline reads; arguments override them.
 """
 
 import argparse
-from contextlib import closing
-from pathlib import Path
-
-from tqdm import tqdm
 
 from isi import config
 from isi.process import Parser, errors_in_one_line
 from isi.sources.recordings import Recorder
 from isi.tables import paths
-
-
-def record(settings: Recorder) -> None:
-    """Record the scenes that the recording lacks.
-
-    Raises:
-        InputError: if the simulator does not return a scene, or if the recording cannot be read or
-            written; scenes that were recorded before the error stay.
-    """
-    # here, since it imports the simulator's package
-    from isi.recorder import Recording, Simulator, header
-
-    with closing(Simulator(settings)) as simulator:
-        recording = Recording(Path(settings.output), header(settings))
-        missing = [layout for layout in settings.layouts if layout.name not in recording.names]
-        for layout in tqdm(missing, unit="scene", disable=None):
-            recording.append(layout, simulator.objects(layout))
-    print(f"{len(recording.names):,} scenes in {recording.path}, {len(missing):,} of them new")
 
 
 def main() -> None:
@@ -50,7 +28,12 @@ def main() -> None:
     with errors_in_one_line("record", "the same command goes on from here"):
         section = config.read(paths.PARAMS).get("recorder")
         settings = {**section, **given} if isinstance(section, dict) else section
-        record(config.check(settings, Recorder, "recorder"))
+        recorder = config.check(settings, Recorder, "recorder")
+        from isi.recorder import record  # here, since it imports the simulator's package
+
+        recording, missing = record(recorder)
+        new = sum(layout.name in recording.names for layout in missing)
+        print(f"{len(recording.names):,} scenes in {recording.path}, {new:,} of them new")
 
 
 if __name__ == "__main__":

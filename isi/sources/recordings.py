@@ -10,7 +10,7 @@ from typing import Annotated, Any, NamedTuple
 from pydantic import AfterValidator, AliasChoices, BaseModel, Field, create_model
 
 from isi import config
-from isi.config import Count, EachOnce, Positive, Section, Seed
+from isi.config import Count, EachOnce, Section, Seed
 from isi.errors import InputError, cut, short
 from isi.names import name_fault
 from isi.sources.names import Name, entity_name
@@ -289,9 +289,6 @@ class Recorder(Section):
     #: commit of the build to download; null: the package's own
     build: Annotated[str, Field(pattern=r"^[0-9a-f]{40}$")] | None
     width: Count  #: width and height of a frame (pixels)
-    retries: Annotated[int, Field(ge=0)]  #: further attempts at a scene after the player has died
-    seconds: Positive  #: timeout of an action (s)
-    start_seconds: Positive  #: timeout of the start (s)
 
     @property
     def layouts(self) -> list[Layout]:
