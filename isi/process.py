@@ -62,21 +62,6 @@ def become_worker(parent: int) -> None:
     tie_to_parent(parent)
 
 
-def reset_peak_memory() -> None:
-    """Forget the largest memory so far of this process, where the system (Linux) can."""
-    with suppress(OSError):
-        Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
-
-
-def peak_memory() -> float | None:
-    """The largest resident memory of this process, MiB; None if the system does not tell."""
-    with suppress(OSError):
-        for line in Path("/proc/self/status").read_text(encoding="utf-8").splitlines():
-            if line.startswith("VmHWM:"):
-                return int(line.split()[1]) / 1024
-    return None
-
-
 def handle_stop_signals(name: str, then: str = "run it again") -> None:
     """On Ctrl-C or SIGTERM print a line and raise ``SystemExit``, so that cleanup runs;
     a second signal kills.

@@ -11,8 +11,3 @@ def stream(root: int, purpose: str, *key: int) -> np.random.Generator:
     Equal arguments give equal random numbers, in any process and any order of calls.
     """
     return np.random.default_rng(np.random.SeedSequence([root, zlib.crc32(purpose.encode()), *key]))
-
-
-def seed_of(root: int, purpose: str, *key: int) -> int:
-    """A root seed of its own for a part of the work, by root seed, purpose and key."""
-    return int(stream(root, purpose, *key).integers(2**62))

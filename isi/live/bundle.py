@@ -41,8 +41,6 @@ MODEL = "all-MiniLM-L6-v2"  #: The sentence model of the shipped word vectors, e
 Fact = tuple[str, str, str]  #: Head, relation and tail by name.
 Text = Annotated[str, AfterValidator(check_text)]
 TEXTS = TypeAdapter(list[Text])
-#: Head, relation and tail by name; a list in JSON.
-NamedTriple = Annotated[tuple[str, str, str], Field(strict=False)]
 
 
 class Record(BaseModel):
