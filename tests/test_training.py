@@ -251,7 +251,7 @@ def test_training_gives_each_model_as_it_was_when_it_left() -> None:
 def test_new_rows_move_alone_at_first_and_everything_after_that() -> None:
     points = small_points()
     novel = points.novel_ids
-    data = training_data(points.session(1), "test", points.keys(), novel)
+    data = training_data(points.session(1), "test", points.keys())
     state = start(uniform(points.session(1).entities, 3, ANALOGY, 12, 0.5, 0, points.keys()))
     settings = TUNING.model_copy(update={"new_rows_first": 2})
     is_new = membership(novel, 13)
@@ -328,7 +328,7 @@ def test_updates_by_one_observation_decay_by_the_dimension_and_on_touched_rows_a
 def test_new_rows_move_alone_at_first_by_single_observations_too() -> None:
     points = small_points([0])
     novel = points.novel_ids
-    data = training_data(points.session(1), "test", points.keys(), novel)
+    data = training_data(points.session(1), "test", points.keys())
     session, keys = points.session(1).entities, points.keys()
     embedding = uniform(session, 3, ANALOGY, 12, 0.5, 0, keys)
     settings = TUNING.model_copy(update={"new_rows_first": 1, "batch_size": 1})
