@@ -8,13 +8,10 @@ import numpy as np
 import pytest
 import torch
 
-from isi.evaluation.query_sets import CONVERGING
 from isi.experiment.grid import GridPoints
 from isi.experiment.insert import (
     InsertConfig,
     finetune,
-    insert_sessions,
-    with_vectors,
 )
 from isi.models.stack import Embedding
 from isi.training import trainer
@@ -42,7 +39,7 @@ def test_the_mask_is_of_each_models_own_insert_triples() -> None:
 
 def trained(purpose: str, pool: str) -> Embedding:
     """Θ¹ from a direct call of ``trainer.train``, with a purpose and a head pool."""
-    data = training_data(POINTS.session(1), purpose, POINTS.keys(), pool, torch.as_tensor(NOVEL))
+    data = training_data(POINTS.session(1), purpose, POINTS.keys(), pool)
     return trainer.train(WORLD.theta0, data, NEGATIVES, OPTIMIZER, 0, never_stop)
 
 
@@ -54,17 +51,3 @@ def test_fine_tuning_draws_for_its_own_purpose_from_the_pool_that_params_name(po
     assert torch.equal(finetuned, trained("fine-tuning", pool).entity)
     assert not torch.equal(finetuned, trained("fine-tuning", other).entity)
     assert not torch.equal(finetuned, trained("training", pool).entity)
-
-
-def test_where_new_rows_go_first_they_are_those_of_the_session() -> None:
-    joint, config = (
-        {(1, scope): np.full(2, np.nan) for scope in CONVERGING},
-        CONFIG.training(new_rows_first=3),
-    )
-    ((theta, result),) = insert_sessions(POINTS, WORLD.theta0, WORLD.words, joint, config)
-    before = with_vectors(
-        WORLD.theta0, torch.as_tensor(NOVEL), torch.from_numpy(result.vectors)
-    ).entity
-    moved = (theta.entity != before).any(-1).numpy()
-    for model in range(2):
-        assert set(np.flatnonzero(moved[model])) == set(NOVEL[model])

@@ -100,7 +100,7 @@ def variant(
     name: str = "home",
     **entry: Any,
 ) -> VariantRuns:
-    usual = {"title": group, "group": group, "size": 5, "finetuned": True, "full_curves": False}
+    usual = {"title": group, "group": group, "size": 5, "finetuned": True}
     settings = SimpleNamespace(**usual | {"max_insert_triples": None} | entry)
     settings.initializers = [model for model in given if model != "joint"]
     return VariantRuns(
@@ -206,7 +206,7 @@ def test_each_cause_has_its_gain_over_xavier_and_its_epochs() -> None:
     now = {"xavier": [0.25], "es": [0.5], "rs": [0.25], "ers": [0.75], "joint": [0.9]}
     decay = variant("causes", now, title="another decay", finetuned=False)
     later = {"xavier": [0.1, 0.5, 0.9], "es": [0.9, 0.9, 0.9], "joint": [0.9]}
-    curves = variant("causes", now, later=later, title="their way", full_curves=True)
+    curves = variant("causes", now, later=later, title="their way")
     made = tables_of(decay, curves, experiments=[first, second])
     frame = made["causes"]
     assert list(frame) == header("causes")

@@ -205,9 +205,7 @@ def finetune(
     ``watch`` as in ``train`` (section 5.2).
     """
     keys, pool = points.keys(*later_key(session)), config.negatives.head_pool
-    data = training_data(
-        points.session(session), "fine-tuning", keys, pool, points.novel_in(session)
-    )
+    data = training_data(points.session(session), "fine-tuning", keys, pool)
     return trainer.train(theta, data, config.negatives, config.optimizer, config.root, watch)
 
 

@@ -17,7 +17,7 @@ from torch import Tensor
 
 from isi.config import Count, Section
 from isi.graph.graph import HEAD, RELATION, TAIL, Graph
-from isi.graph.sessions import TRAIN, Session, membership
+from isi.graph.sessions import TRAIN, Session
 from isi.models.scoring import TripleList
 from isi.random import stream
 
@@ -46,7 +46,6 @@ class TrainingData:
     #: entities that may be corrupted heads of a relation; shape: (M, R, E), float32
     head_pool: Tensor
     head_ids: Tensor  #: all entity ids, those of ``head_pool`` first; shape: (M, R, E), int64
-    new: Tensor  #: entities that the previous session lacks; shape: (M, E), bool
     purpose: str  #: prefix of the purposes of its random streams
     #: keys of each embedding's random streams, between purpose and epoch; shape: (M, K)
     keys: Tensor
@@ -113,11 +112,8 @@ class Corrupted:
         return torch.cat(parts)
 
 
-def training_data(
-    session: Session, purpose: str, keys: Tensor, head_pool: str, novel: Tensor | None = None
-) -> TrainingData:
-    """The training data of a stack; ``novel``: ids, (M, n),
-    of entities that the previous session lacks; None: all.
+def training_data(session: Session, purpose: str, keys: Tensor, head_pool: str) -> TrainingData:
+    """The training data of a stack.
 
     ``head_pool``: ``all`` entities, or those ``unseen`` as head of a relation in train, if any. See
     ``TrainingData``.
@@ -134,9 +130,8 @@ def training_data(
         unseen = heads * ~seen
         heads = torch.where(unseen.sum(-1, keepdim=True) > 0, unseen, heads)
     head_ids = torch.argsort(heads, dim=-1, descending=True, stable=True)
-    new = session.entities if novel is None else membership(novel, len(graph.entities))
     return TrainingData(
-        session, train * graph.counts, session.entities.float(), heads, head_ids, new, purpose, keys
+        session, train * graph.counts, session.entities.float(), heads, head_ids, purpose, keys
     )
 
 

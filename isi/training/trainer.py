@@ -4,11 +4,9 @@ and when it stops.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Annotated, Literal
 
 import pandas as pd
 import torch
-from pydantic import Field
 from torch import Tensor
 
 from isi.config import Count, NotNegative, Positive, Section
@@ -37,14 +35,11 @@ class Optimizer(Section):
     learning_rate: Positive
     weight_decay: NotNegative
     max_epochs: Count
-    #: number of first epochs in which only rows of novel entities are updated (the order of IncDE)
-    new_rows_first: Annotated[int, Field(ge=0)] = 0
 
 
 class Training(Optimizer):
     """``training`` in params: the settings of both Θ⁰ and the joint model, with early stopping."""
 
-    new_rows_first: Literal[0] = 0  # all rows are new
     evaluate_every: Count
     patience: Count
 
@@ -140,8 +135,7 @@ def run_epoch(
     compiled = is_compiled(state.embedding.model, settings.batch_size) and is_sampled(
         negatives, data.session.graph
     )
-    all_rows = epoch > settings.new_rows_first
-    if compiled and all_rows and state.embedding.entity.is_cpu:
+    if compiled and state.embedding.entity.is_cpu:
         from isi.training.compiled import run_compiled_epoch
 
         rates = settings.learning_rate, settings.weight_decay / state.embedding.entity.shape[-1]
@@ -161,20 +155,12 @@ def run_batches(
     epoch: int,
 ) -> None:
     """``run_epoch`` without compiled code."""
-    single, only_new = is_single(negatives, data.session.graph, settings), None
+    single = is_single(negatives, data.session.graph, settings)
     if single:
         decay = settings.weight_decay / state.embedding.entity.shape[-1]
         settings = settings.model_copy(update={"weight_decay": decay})
-    if epoch <= settings.new_rows_first:
-        no_relation = torch.zeros(state.embedding.relation.shape[:2], dtype=torch.bool)
-        only_new = data.new, no_relation
     for batch, positives in batches(data, negatives, settings.batch_size, root, epoch):
-        trained_rows = only_new
-        if single:
-            entities, relations = batch.touched()
-            if only_new:
-                entities, relations = entities & only_new[0], relations & only_new[1]
-            trained_rows = entities, relations
+        trained_rows = batch.touched() if single else None
         gradient = loss_gradient(state.embedding, batch)
         adagrad(state, gradient, positives, ~data.session.entities, settings, trained_rows)
 
