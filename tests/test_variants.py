@@ -322,21 +322,6 @@ def test_a_variant_runs_with_what_it_changes_and_the_same_for_any_height_of_stac
     pd.testing.assert_frame_equal(same, answers)
 
 
-def test_a_variant_with_full_curves_runs_all_epochs_even_where_it_has_converged(
-    varied: Varied,
-) -> None:
-    changes = {"finetuning.max_epochs": 2, "convergence.margin": 0.99}
-    epochs = [
-        varied(initializers=["es", "soft_es"], changes=changes, full_curves=full, **SOFT_ES)[0]
-        for full in (False, True)
-    ]
-    stopped, whole = (
-        runs.groupby("model", observed=True)["epoch"].max().to_dict() for runs in epochs
-    )
-    assert stopped == {"es": 0, "soft_es": 0, "joint": 0}
-    assert whole == {"es": 2, "soft_es": 2, "joint": 0}
-
-
 def test_a_variant_with_words_of_its_own_looks_them_up(varied: Varied) -> None:
     settings = {"initializers": ["es"], "options": {"es": {"k": 3}}, "finetuned": False}
     stored, definitions, phrases = (

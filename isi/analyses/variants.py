@@ -64,8 +64,6 @@ class Variant(Section):
     #: of each novel entity; null: all
     max_insert_triples: Annotated[int, Field(ge=0)] | None = None
     finetuned: bool = True  #: whether to fine-tune; else only measure right after insertion
-    #: whether to fine-tune for all epochs (learning curves); else until convergence
-    full_curves: bool = False
     trained: bool = False  #: whether to train Θ⁰ and the joint model even if no change affects them
 
     def changes_one_of(self, *sections: str) -> bool:
