@@ -20,12 +20,14 @@ NAME = stage_run.NAME
 CHANGES: dict[str, Any] = stage_run.SMALL | {
     "experiments.ai2thor": DROP,
     "experiments.transfer": DROP,
-    "experiments.published.initializers": ["xavier", "rs", "ers"],
-    "experiments.published.immediate_only": [],
-    "experiments.published.full_curves.sizes": [1],
+    "experiments.paper_transfer": DROP,
+    f"experiments.{NAME}.initializers": ["xavier", "rs", "ers"],
+    f"experiments.{NAME}.full_curves": [1],
+    f"affordances.entities.{NAME}": ["mug"],
     **{
         f"{name}.experiments": [NAME]
         for name in (
+            "measure_changes",
             "finetune_only",
             "sweep",
             "cross_validation",
@@ -38,6 +40,7 @@ CHANGES: dict[str, Any] = stage_run.SMALL | {
     "sweep.k": [2],
     "sweep.size": 1,
     "sweep.seeds": 1,
+    "sweep.finetuned_seeds": 1,
     "cross_validation.folds": 2,
     "cross_validation.dimension": [],
     "cross_validation.ratio": [2],

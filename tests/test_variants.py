@@ -28,8 +28,9 @@ from isi.analyses.variants import (
 )
 from isi.benchmark.study import study_of
 from isi.errors import InputError
+from isi.evaluation.changes import change_rows
 from isi.experiment.breakdown import break_down
-from isi.experiment.insert import InsertConfig, insert_stack, with_vectors
+from isi.experiment.insert import InsertConfig, insert_stack, joint_targets, with_vectors
 from isi.experiment.train import TrainConfig, evaluate_stack
 from isi.params import load as load_params
 from isi.params import load_beyond
@@ -52,16 +53,15 @@ def rows_of(triples: np.ndarray) -> list[tuple[int, ...]]:
 # Fewer insert triples
 
 
-@pytest.mark.parametrize("steps", [1, 2])
-def test_so_many_of_each_entity_are_given_and_the_fewer_are_part_of_the_more(steps: int) -> None:
-    points = points_of(GRAPH, 2, SEEDS, steps=steps)
+def test_so_many_of_each_entity_are_given_and_the_fewer_are_part_of_the_more() -> None:
+    points = points_of(GRAPH, 2, SEEDS)
     given = points.insert_triples
-    number = Counter(row[:3] for row in rows_of(given))
+    number = Counter(row[:2] for row in rows_of(given))
     assert max(number.values()) > 3
     fewer: set[tuple[int, ...]] = set()
     for most in range(6):
         fewer_rows = rows_of(limit_insert_triples(points, most, 0))
-        assert Counter(row[:3] for row in fewer_rows) == Counter(
+        assert Counter(row[:2] for row in fewer_rows) == Counter(
             {slot: min(most, n) for slot, n in number.items()}
         )
         # in their order
@@ -70,18 +70,18 @@ def test_so_many_of_each_entity_are_given_and_the_fewer_are_part_of_the_more(ste
         fewer = set(fewer_rows)
     assert rows_of(limit_insert_triples(points, None, 0)) == rows_of(given)
     assert limit_insert_triples(
-        replace(points, insert_triples=np.empty((0, 4), np.int64)), 3, 0
-    ).shape == (0, 4)
+        replace(points, insert_triples=np.empty((0, 3), np.int64)), 3, 0
+    ).shape == (0, 3)
 
 
 def test_insert_triples_are_drawn_anew_for_each_entity_and_root() -> None:
     points = points_of(GRAPH, 2, SEEDS)
     given = points.insert_triples
     one, other = (rows_of(limit_insert_triples(points, 1, root)) for root in (0, 1))
-    first = {row[:3]: row for row in reversed(rows_of(given))}
+    first = {row[:2]: row for row in reversed(rows_of(given))}
     assert one != other
     # neither always nor never the first
-    assert 0 < sum(row != first[row[:3]] for row in one) < len(one)
+    assert 0 < sum(row != first[row[:2]] for row in one) < len(one)
 
 
 # What params change
@@ -144,7 +144,7 @@ def stored() -> Models:
 
 def task(start: Models | TrainConfig, most: int | None = None) -> VariantTask:
     configs = {
-        name: InsertConfig(name, INITIALIZERS[name], 0, SAMPLED, OPTIMIZER, MARGIN)
+        name: InsertConfig(name, INITIALIZERS[name], 0, SAMPLED, OPTIMIZER, MARGIN, len(SEEDS))
         for name in NAMES
     }
     return points_of(GRAPH, 2, SEEDS), start, WORDS, configs, most
@@ -159,13 +159,9 @@ def test_from_stored_embeddings_the_runs_are_those_of_the_first_pipeline() -> No
     points, *_, configs, _ = variant_task = task((theta0, joint))
     runs, answers = run_variant(*variant_task)
     measured = evaluate_stack(points, joint)
-    joint_runs = measured.set_index(["scope", "seed"])["mrr_star"]
-    target = {
-        (1, scope): joint_runs[scope].loc[SEEDS].to_numpy(copy=True)
-        for scope in ("all", "novel_heldout")
-    }
+    targets = joint_targets(change_rows(measured), points)
     inserted = {
-        name: insert_stack(points, theta0, WORDS, target, config)
+        name: insert_stack(points, theta0, WORDS, targets, config)
         for name, config in configs.items()
     }
     assert set(runs["model"]) == {*NAMES, "joint"}
@@ -189,7 +185,6 @@ def test_queries_are_the_same_whatever_the_number_of_insert_triples() -> None:
         "model",
         "seed",
         "scope",
-        "filter",
         "relation",
         "hidden",
         "novel",
@@ -244,12 +239,12 @@ def test_what_an_entry_cannot_have_is_refused_in_one_line(
 @pytest.mark.usefixtures("workspace")
 def test_params_without_a_part_of_a_variant_are_refused_only_where_variants_run() -> None:
     variant = VARIANT | {
-        "experiments": ["ai2thor", "published"],
+        "experiments": ["ai2thor", "paper"],
         "initializers": ["xavier", "mean"],
     }
     list_entries(variants={"own": variant}, graphs={"other": GRAPH_EXPERIMENT})
     raw = yaml.safe_load(paths.PARAMS.read_text(encoding="utf-8"))
-    for gone in ("experiments.published", "initializers.mean"):
+    for gone in ("experiments.paper", "initializers.mean"):
         fewer = deepcopy(raw)
         change_all(fewer, {gone: DROP})
         paths.PARAMS.write_text(yaml.safe_dump(fewer, sort_keys=False), encoding="utf-8")
@@ -339,4 +334,4 @@ def test_a_variant_that_trains_reads_no_embedding(varied: Varied, experiment: Pa
         runs, _ = varied(initializers=["xavier", "es"], finetuned=False, changes=changes)
     finally:
         away.rename(embeddings)
-    assert len(runs) == 3 * 2 * 5  # models, seeds, scopes
+    assert len(runs) == 3 * 2 * 6  # models, seeds, scopes
