@@ -50,7 +50,7 @@ GRAPH: dict[str, Any] = {
 }
 VARIANT: dict[str, Any] = {
     "title": "own",
-    "group": "causes",
+    "group": "baselines",
     "experiments": ["ai2thor"],
     "initializers": ["xavier", "es"],
     "size": 5,

@@ -17,10 +17,11 @@ from tests.beyond_entries import GRAPH, ROOT, SESSIONS, WORDS, copy_pipelines, l
 
 FIRST = {name: GRAPH[name] for name in ("initializers", "changes")} | {
     "title": "first",
-    "group": "causes",
+    "group": "baselines",
     "experiments": ["paper"],
     "size": 3,
     "seeds": 2,
+    "finetuned": False,
     "trained": True,
 }
 

@@ -53,7 +53,7 @@ class Variant(Section):
 
     title: str  #: in the report
     #: section of the report
-    group: Literal["baselines", "embeddings", "insert_triples", "words", "causes", "graphs"]
+    group: Literal["baselines", "embeddings", "insert_triples", "words", "graphs"]
     experiments: Annotated[list[Name], Field(min_length=1)]
     initializers: Annotated[list[Name], Field(min_length=1)]
     size: Count  #: |ξ|
@@ -94,6 +94,7 @@ class GraphExperiment(Section):
             seeds=self.sessions.seeds,
             options={},
             changes=self.changes,
+            finetuned=False,
             trained=True,
         )
 
