@@ -454,8 +454,3 @@ class Inserted:
         return measure(
             made.embedding, made.names, made.labels, queried, true, old, most, seed, show
         )
-
-
-def with_vectors(done: Inserted, vectors: np.ndarray) -> Inserted:
-    """A result with other rows of the new entities, (n, d), from which ``train`` then starts."""
-    return replace(done, details=replace(done.details, vectors=vectors))
