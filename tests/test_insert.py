@@ -559,7 +559,7 @@ def test_numbers_of_numpy_and_of_torch_are_numbers(number: Any) -> None:
     half = number(0.5) if number in (np.array, torch.tensor) else np.float32(0.5)
     entities, relations = tables().values()
     facts = {"model": "analogy", "new": number(1)}
-    how = {"seed": number(3), "harm": half, "budget": half}
+    how = {"seed": number(3), "harm": half}
     done = isi.insert(
         entities,
         relations,
@@ -580,7 +580,7 @@ def test_numbers_of_numpy_and_of_torch_are_numbers(number: Any) -> None:
 
 def test_arguments_are_spelt_out_and_a_typo_names_the_function() -> None:
     named = {"initializer", "options", "trained_with", "harm", "choose", "validation", "seed"}
-    named |= {"new_relations", "word_source", "confidence", "budget"}
+    named |= {"new_relations", "word_source", "confidence"}
     assert named <= signature(isi.insert).parameters.keys()
     with pytest.raises(TypeError, match=r"^insert\(\) got an unexpected .*'initialiser'"):
         call(initialiser="mean")

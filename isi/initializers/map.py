@@ -124,8 +124,7 @@ _PRIOR: dict[str, list[Any]] = {"strength": [0.05, 0.1, 0.2, 0.5, 1.0], "ratio":
 Prior = Literal["soft_hybrid", "soft_rs", "er_avg", "kind_mean", "mean"]
 
 #: Settings for embeddings on which another prior, or more weight on it or on known triples pays:
-#: prior, strength, known_negatives, ratio. Where the budget allows few, one that hardly harms comes
-#: first, then one with each prior.
+#: prior, strength, known_negatives, ratio.
 _COMPARED: list[tuple[Prior, float, float, int]] = [
     ("soft_hybrid", 3.0, 10.0, 3),
     ("soft_rs", 0.3, 1.0, 1),

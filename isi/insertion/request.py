@@ -68,13 +68,10 @@ class InsertRequest:
     #: triples of known entities that the embedding was not trained on, in the forms of ``triples``:
     #: the selection measures harm on them. None: on triples of training, which hides some of it.
     validation: TripleForms | None = None
-    #: seconds of one core for the selection, by an estimate of its work; a clock would change
-    #: results
-    budget: float = 3
 
     def __post_init__(self) -> None:
         check(self.trained_with, Loss | TrainingLoss | None, "", "argument 'trained_with'")  # type: ignore[arg-type]
-        for name, kind in (("seed", Seed), ("harm", NotNegative), ("budget", NotNegative)):
+        for name, kind in (("seed", Seed), ("harm", NotNegative)):
             number = check(getattr(self, name), kind, "", f"argument {name!r}")
             object.__setattr__(self, name, number)  # of Python's, not of NumPy's
         check(self.initializer, str | None, "", "argument 'initializer'")  # type: ignore[arg-type]

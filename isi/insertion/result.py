@@ -70,7 +70,6 @@ class Details:
     method: Method  #: the initializer, its options, and the reason for it
     test: HoldOut  #: hides known entities, which get as many insert triples as the new ones
     computed: InitResult | None  #: by the initializer; None without new entities
-    most_hidden: int  #: maximum number of known entities that are hidden
 
     @cached_property
     def entities(self) -> np.ndarray:
@@ -182,7 +181,7 @@ class Details:
         There must be new entities: the hidden ones get as many insert triples.
         """
         with usual_torch():
-            draws = self.test.hide(self.most_hidden)
+            draws = self.test.hide()
             curves = None if draws is None else fit_curves(draws, self.method)
         if curves is None:
             expected = (
