@@ -9,7 +9,6 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 import numpy as np
@@ -27,8 +26,8 @@ from isi.tables import paths
 if TYPE_CHECKING:
     import pandas as pd
 
-#: Embeds texts: a function, gensim's ``KeyedVectors``, or a file of word vectors.
-Source = Callable[[Sequence[str]], Any] | str | Path
+#: Embeds texts.
+Source = Callable[[Sequence[str]], Any]
 Triple = Sequence[str | int]  #: Head, relation, tail; names or ids.
 
 
@@ -87,15 +86,6 @@ def array_of(tensor: torch.Tensor) -> np.ndarray:
         )
 
 
-def _as_array(values: Any, dtype: type[np.generic] | None = None) -> np.ndarray:
-    """``numpy.asarray`` of numbers, which may be a tensor or a list of tensors."""
-    if isinstance(values, torch.Tensor):
-        values = array_of(values)
-    elif isinstance(values, list | tuple):
-        values = [array_of(value) if isinstance(value, torch.Tensor) else value for value in values]
-    return np.asarray(values, dtype)
-
-
 def table(
     values: Any, name: str, width: int | None = None, dtype: type[np.floating[Any]] | None = None
 ) -> np.ndarray:
@@ -104,7 +94,8 @@ def table(
     """
     with naming_argument(name), np.errstate(over="ignore", invalid="ignore"):
         try:
-            numbers = _as_array(values, dtype)
+            given = array_of(values) if isinstance(values, torch.Tensor) else values
+            numbers = np.asarray(given, dtype)
         # RuntimeError: by a tensor within
         except (TypeError, ValueError, RuntimeError, OverflowError) as error:
             raise InputError(
@@ -206,8 +197,8 @@ def listed_triples(triples: Any) -> np.ndarray | list[Any]:
     """Triples in any accepted form as an array, (T, 3), or a list.
     The triples themselves are not checked.
 
-    Forms: a list, an array, a tensor, a DataFrame, an Arrow table or a structured array (columns by
-    name, ``triple_columns``; those of a DataFrame without names in order; None is missing), or the
+    Forms: a list, an array, a tensor, a DataFrame or an Arrow table (columns by name,
+    ``triple_columns``; those of a DataFrame without names in order; None is missing), or the
     tails of each head and relation, ``{"smart pill": {"isa": ["medical_device"]}}``, where a single
     tail needs no list.
     """
@@ -223,16 +214,16 @@ def listed_triples(triples: Any) -> np.ndarray | list[Any]:
                 listed = [tails] if isinstance(tails, str) or is_whole(tails) else as_list(tails)
                 rows += [(head, relation, tail) for tail in listed]
         return rows
-    if names := column_names(triples):
-        triples = triples[[names[column] for column in triple_columns(names)]]
-        if isinstance(triples, np.ndarray):  # a structured one
-            return list(triples.tolist())
-    if hasattr(triples, "columns"):
-        if hasattr(triples, "isna") and (missing := triples.isna()).any(axis=None):
+    if hasattr(triples, "isna"):
+        if names := column_names(triples):
+            triples = triples[[names[column] for column in triple_columns(names)]]
+        if (missing := triples.isna()).any(axis=None):
             triples = triples.astype(object).where(~missing, None)  # for NaN, NaT and NA
         triples = triples.to_numpy()
     elif isinstance(triples, torch.Tensor):
         triples = array_of(triples)
+    elif isinstance(triples, np.ndarray) and triples.dtype.names:
+        raise InputError("", "", "expected rows of triples: pandas.DataFrame(array) makes a table")
     return triples if isinstance(triples, np.ndarray) and triples.ndim else as_list(triples)
 
 
@@ -252,7 +243,7 @@ def named_triples(triples: Any) -> np.ndarray:
 
 def of_arrow(triples: Any) -> Any:
     """An Arrow table as a DataFrame; other forms as they are."""
-    if not hasattr(triples, "__arrow_c_stream__") or hasattr(triples, "to_numpy"):
+    if not hasattr(triples, "__arrow_c_stream__") or hasattr(triples, "isna"):
         return triples
     with extra("pipeline"):
         import pandas as pd
@@ -263,13 +254,8 @@ def of_arrow(triples: Any) -> Any:
 
 
 def column_names(triples: Any) -> list[str]:
-    """The names of the columns of a DataFrame or of a structured array;
-    empty for other forms, and for numbers.
-    """
-    if isinstance(triples, np.ndarray):
-        names = list(triples.dtype.names or ())
-    else:
-        names = list(getattr(triples, "columns", ()))
+    """The names of the columns of a DataFrame; empty for other forms, and for numbers."""
+    names = list(getattr(triples, "columns", ()))
     return [] if all(map(is_whole, names)) else names
 
 
@@ -394,32 +380,21 @@ def word_table(words: Any, source: Source | None, entities: Vocabulary) -> np.nd
     return rows
 
 
-def _vectors_of(texts: Sequence[str], source: Source | None) -> np.ndarray:
-    """The vectors of texts, (T, v), float32; zero if word vectors lack all words of a text."""
+def _vectors_of(texts: Sequence[str], source: Any) -> np.ndarray:
+    """The vectors of texts, (T, v), float32."""
     if source is None:
         raise InputError(
             "", "", "expected vectors: texts need the argument 'word_source', which embeds them"
         )
-    if callable(source):
-        vectors = table(source(list(texts)), "word_source", dtype=np.float32)
-        if len(vectors) != len(texts):
-            raise InputError(
-                "argument 'word_source'", "", f"expected {len(texts)} vectors, got {len(vectors)}"
-            )
-        return vectors
-    with extra("words-file"):
-        from gensim.models import KeyedVectors  # here, since the import takes a second
-
-    from isi.graph.words import look_up, read_vectors
-
-    keyed = read_vectors(Path(source)) if isinstance(source, str | Path) else source
-    if not isinstance(keyed, KeyedVectors):
-        expected = (
-            "expected a function, gensim's KeyedVectors or a file of word vectors, "
-            f"got {short(source)}"
-        )
+    if not callable(source):
+        expected = f"expected a function from texts to vectors, got {short(source)}"
         raise InputError("argument 'word_source'", "", expected)
-    return look_up(keyed, texts).vectors
+    vectors = table(source(list(texts)), "word_source", dtype=np.float32)
+    if len(vectors) != len(texts):
+        raise InputError(
+            "argument 'word_source'", "", f"expected {len(texts)} vectors, got {len(vectors)}"
+        )
+    return vectors
 
 
 def stack_of_one(
@@ -428,7 +403,7 @@ def stack_of_one(
     """Tables, (E, d) or a tensor (1, E, d), and (R, w), as one float32 embedding.
     Float32 vectors are not copied.
     """
-    # values that overflow are refused later; torch warns of a table that is a read-only file
+    # values that overflow are refused later; torch warns of a table that is read-only
     with np.errstate(over="ignore"), warnings.catch_warnings(action="ignore", category=UserWarning):
         if isinstance(entities, np.ndarray):
             entities = torch.from_numpy(np.ascontiguousarray(entities, np.float32))[None]

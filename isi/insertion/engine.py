@@ -36,8 +36,7 @@ class NovelEntities:
     """Novel entities of one embedding, and all that their vectors may depend on."""
 
     #: entities, (1, E + n, d), and relations, (1, R + q, w): the engine writes the rows of novel
-    #: entities and new relations. With only the rows of known entities, (1, E, d), they stay as
-    #: they are, which serves tables that are files.
+    #: entities and new relations
     theta: Embedding
     known: int  #: E
     number: int  #: n
@@ -69,11 +68,6 @@ class NovelEntities:
     @property
     def has_new_relations(self) -> bool:
         return self.theta.relation.shape[1] > self.known_relations
-
-    @property
-    def has_rows(self) -> bool:
-        """Whether the table has rows for novel entities."""
-        return self.theta.entity.shape[1] > self.known
 
 
 @dataclass(frozen=True)
@@ -116,7 +110,7 @@ def insert(novel: NovelEntities, method: Method) -> InitResult | None:
         usable = _fit_new_relations(novel, has_vector)
         again = bool(has_vector[ids].all())
         result = _in_batches(novel, first, torch.from_numpy(ids), seen & usable, again)
-        if result is not None and novel.has_rows:
+        if result is not None:
             novel.theta.entity[0, ids] = result.vectors[0]
         has_vector[ids] = True
     if fit_again:
@@ -141,8 +135,7 @@ def train_together(novel: NovelEntities, method: Method, start: InitResult) -> I
         further=torch.from_numpy(novel.triples[proper & ~is_novel]),
     )
     trained = method.initialize(context)
-    if novel.has_rows:
-        novel.theta.entity[0, novel.known :] = trained.vectors[0]
+    novel.theta.entity[0, novel.known :] = trained.vectors[0]
     if trained.relations is not None:
         novel.theta.relation[0, novel.known_relations :] = trained.relations[0]
     return replace(start, vectors=trained.vectors, is_centroid=False)
@@ -299,15 +292,13 @@ def context_for(
         None if confidence is None else torch.from_numpy(confidence),
     )
     context = replace(context, entity_keys=entity_keys)
-    if not novel.has_rows:  # a row of the table stands for one without words
-        context = replace(context, novel=torch.zeros_like(ids)[None])
     eligible = context.eligible if len(novel.known_triples) else context.known
     return replace(
         context,
         eligible=eligible,
         by_kind=novel.kinds is not None,
         scale=novel.scale,
-        start=novel.theta.entity[:, ids] if again and novel.has_rows else None,
+        start=novel.theta.entity[:, ids] if again else None,
     )
 
 

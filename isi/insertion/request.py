@@ -35,7 +35,7 @@ class InsertRequest:
     #: word vectors of known and new entities, shape (E + n, v), zero if missing; or a mapping from
     #: names or ids to vectors or texts
     words: Any = None
-    #: embeds the texts in ``words``: a function, gensim's ``KeyedVectors``, or a file of vectors
+    #: embeds the texts in ``words``: a function from a list of texts to vectors
     word_source: Source | None = None
     #: a kind for each of the E + n entities; or a mapping from names or ids to kinds. Means and
     #: priors are of known entities of a new one's kind. No kind: an empty text, None, or, in an
