@@ -1,6 +1,4 @@
-"""Checks the arguments of ``isi.insert``.
-An ``InputError`` names the argument.
-"""
+"""Checks the arguments of ``isi.insert``. An ``InputError`` names the argument."""
 
 from __future__ import annotations
 
@@ -8,7 +6,6 @@ import re
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 import numpy as np
@@ -17,7 +14,6 @@ import torch
 from isi.columns import TRIPLE, triple_columns
 from isi.config import as_list, check, is_whole
 from isi.errors import InputError, extra, short
-from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.graph.vocabulary import Vocabulary, ids_by_name
 from isi.models.model import Model, make_model
 from isi.models.stack import Embedding, NotFinite
@@ -136,61 +132,6 @@ def checked_model(model: Any, options: Any, dimension: int) -> Model:
         checked = model if isinstance(model, Model) else make_model(model, given, "model")
         checked.width(dimension)
     return checked
-
-
-@dataclass(frozen=True)
-class Arguments:
-    """Checked arguments of ``isi.insert``. Known entities have the lower ids."""
-
-    relations: np.ndarray
-    model: Model
-    relation_names: Vocabulary
-    triples: np.ndarray  #: with a new entity or relation; ids, shape: (T, 3)
-    known_triples: np.ndarray  #: ids, shape: (K, 3)
-
-
-def checked_arguments(
-    entities: np.ndarray | torch.Tensor,
-    relations: Any,
-    model: Any,
-    model_options: Any,
-    names: Vocabulary,
-    relation_names: Any,
-    known: int,
-    triples: Any,
-    known_triples: Any,
-    new_relations: Any = 0,
-    numbers_are_ids: bool = False,
-) -> Arguments:
-    """Check the other arguments (InputError); ``entities``, ``names`` and ``known``, a number,
-    are checked already.
-
-    New relations get rows of zeros.
-    """
-    checked = checked_model(model, model_options, entities.shape[-1])
-    rows = table(relations, "relations", checked.width(entities.shape[-1]))
-    old_relations = len(rows)
-    of_rows = Vocabulary("relation", relation_names, old_relations, numbers_are_ids=numbers_are_ids)
-    labels = of_rows.with_new(new_relations, "new_relations")
-    rows = np.concatenate(
-        [rows, np.zeros((labels.number - old_relations, rows.shape[1]), rows.dtype)]
-    )
-    new = triples_of(triples, "triples", names, labels)
-    old = triples_of([] if known_triples is None else known_triples, "known_triples", names, labels)
-    is_new, was_new = (
-        np.stack(
-            [ids[:, HEAD] >= known, ids[:, RELATION] >= old_relations, ids[:, TAIL] >= known], 1
-        )
-        for ids in (new, old)
-    )
-    for name, ids, wrong, expected in (
-        ("triples", new, ~is_new.any(1), "a new entity or relation, else use 'known_triples'"),
-        ("known_triples", old, was_new.any(1), "known entities and relations only"),
-    ):
-        for head, relation, tail in ids[wrong][:1].tolist():
-            triple = f"({names.of(head)}, {labels.of(relation)}, {names.of(tail)})"[:200]
-            raise InputError(f"argument {name!r}", triple, f"expected {expected}")
-    return Arguments(rows, checked, labels, new, old)
 
 
 def listed_triples(triples: Any) -> np.ndarray | list[Any]:
