@@ -193,7 +193,6 @@ class Beyond(Section):
     """All sections of ``beyond/params.yaml``."""
 
     graphs: dict[Name, GraphExperiment] = Field(default_factory=dict)
-    hidden: dict[Name, dict[str, Any]] = Field(default_factory=dict)  #: see ``isi.benchmark.study``
     variants: dict[Name, Variant] = Field(default_factory=dict)
 
 

@@ -26,7 +26,6 @@ from isi.analyses.variants import (
     run_variant,
     train_models,
 )
-from isi.benchmark.study import study_of
 from isi.errors import InputError
 from isi.evaluation.changes import change_rows
 from isi.experiment.breakdown import break_down
@@ -37,7 +36,7 @@ from isi.params import load_beyond
 from isi.tables import paths
 from tests import stage_run
 from tests.beyond_entries import GRAPH as GRAPH_EXPERIMENT
-from tests.beyond_entries import HIDDEN, VARIANT, copy_pipelines, list_entries
+from tests.beyond_entries import VARIANT, copy_pipelines, list_entries
 from tests.small_graphs import points_of
 from tests.small_grid import GRAPH, INITIALIZERS, LEARNING, MARGIN, OPTIMIZER, SAMPLED, SEEDS, WORDS
 from tools.workspace import DROP, change, change_all
@@ -214,7 +213,6 @@ ENTRIES = yaml.safe_load((ROOT / "tests/mistakes/entries.yaml").read_text(encodi
 VALID = {
     "variants": VARIANT,
     "graphs": GRAPH_EXPERIMENT,
-    "hidden": HIDDEN,
 }
 
 
@@ -230,7 +228,7 @@ def test_what_an_entry_cannot_have_is_refused_in_one_line(
         change(entry, key, value)
     list_entries(**{section: {"own": entry}})
     with pytest.raises(InputError) as refused:
-        study_of({"own": entry}, "own") if section == "hidden" else load_beyond(load_params())
+        load_beyond(load_params())
     assert re.match(
         rf"beyond/params\.yaml: {section}\.own[.:] ?{re.escape(case['says'])}", str(refused.value)
     )
