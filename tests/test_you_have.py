@@ -23,6 +23,7 @@ from torch.nn.functional import normalize
 import isi
 from isi.__main__ import main
 from isi.errors import InputError
+from isi.graph.files import read_graph
 from tests import their_scores
 from tests.documented import DOCS
 from tests.small_bundle import (
@@ -186,6 +187,8 @@ def test_a_page_runs_as_it_stands(
         (told,) = scope["told"]
         assert told.fact == ("espresso machine", "atLocation", "kitchen")
         assert "espresso machine" in scope["again"].base.entity_names
+        read, _ = read_graph([Path("facts.csv")])
+        assert len(read.triples) == len(scope["facts"]) == len(scope["again"].base.triples)
     elif page.stem == "command":
         assert Path("home").is_dir()
     elif "larger" in scope:

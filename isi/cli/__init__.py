@@ -42,7 +42,6 @@ COMMANDS = {
     "explain": ("entity:explain", "Explain an insertion: repeat it without each of its parts."),
     "live": ("live:live", "Answer facts and questions in JSON lines, at once."),
     "import": ("import_:import_", "Make a home of an embedding that another tool trained."),
-    "export": ("export:export", "Write a graph and predictions for other tools."),
     "graph": ("graph:graph", "Build a graph of scenes or triples, and describe it."),
 }
 

@@ -1,22 +1,8 @@
-"""Mistakes in command lines about graphs (``isi graph``, ``export``)."""
+"""Mistakes in command lines about graphs (``isi graph``)."""
 
 import pandas as pd
 
-from isi.graph import graph as tables
-from tests.example_tables import change_table
 from tests.mistakes.calls import Typed, params, put
-from tests.mistakes.commands import anew
-from tests.small_bundle import NAMES, small
-from tests.small_experiment import write_experiment
-
-
-def misnamed() -> None:
-    write_experiment()
-    change_table(
-        tables.ENTITIES,
-        tables.ENTITIES.path(experiment="home"),
-        lambda rows: rows.replace("fill", "fi\tll"),
-    )
 
 
 def texts() -> None:
@@ -43,11 +29,5 @@ GRAPH_CASES = [
         "graph log.csv",
         "'xxxxxxxxxxxxxxxxxxxxxxxxxxx...xxxxxxxxxxxxxxxxxxxxxxxxxxxx'",
         before=params({"words.source": "x" * 300}),
-    ),
-    Typed(
-        "a name that no XML can hold",
-        "export --home home --format graphml --out x",
-        "x|uffff|turtle",
-        before=lambda: anew(small(entity_names=["a\uffff", *NAMES[1:]])),
     ),
 ]
