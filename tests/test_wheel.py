@@ -255,7 +255,7 @@ def test_an_import_works_in_the_empty_environment(empty: Empty, tmp_path: Path) 
             "words-file",
             ["isi", "train", "triples.csv", "--vectors", "words.txt", "--out", "home"],
         ),
-        ("pipeline", ["isi", "graph", "triples.parquet", "--reader", "table"]),
+        ("pipeline", ["isi", "train", "triples.parquet", "--describe"]),
     ],
 )
 def test_the_extra_of_a_missing_package_is_named(

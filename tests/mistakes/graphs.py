@@ -1,8 +1,8 @@
-"""Mistakes in command lines about graphs (``isi graph``)."""
+"""Mistakes in command lines about graphs (``isi train --describe``)."""
 
 import pandas as pd
 
-from tests.mistakes.calls import Typed, params, put
+from tests.mistakes.calls import Typed, put
 
 
 def texts() -> None:
@@ -13,21 +13,20 @@ def texts() -> None:
 GRAPH_CASES = [
     Typed(
         "a setting that is nested too deep",
-        f"graph log.csv --set kinds={'[' * 3000}",
+        f"train --describe log.csv --set kinds={'[' * 3000}",
         "--set",
         status=2,
     ),
-    Typed("JSON in another encoding", "graph a.json", "a.json", before=put({"a.json": b"\xff"})),
     Typed(
-        "lists in lists, 200,000 deep",
-        "graph a.json",
+        "JSON in another encoding",
+        "train --describe a.json",
         "a.json",
-        before=put({"a.json": "[" * 200_000}),
+        before=put({"a.json": b"\xff"}),
     ),
     Typed(
-        "a source of words whose name is too long",
-        "graph log.csv",
-        "'xxxxxxxxxxxxxxxxxxxxxxxxxxx...xxxxxxxxxxxxxxxxxxxxxxxxxxxx'",
-        before=params({"words.source": "x" * 300}),
+        "lists in lists, 200,000 deep",
+        "train --describe a.json",
+        "a.json",
+        before=put({"a.json": "[" * 200_000}),
     ),
 ]
