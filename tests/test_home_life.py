@@ -96,7 +96,6 @@ def test_the_row_of_a_new_relation_follows_from_its_facts_and_goes_by_undo(
     ("call", "name", "wrong"),
     [
         ("ask mug in", "top", 0),
-        ("explain mug", "top", 0),
         ("report mug", "top", 0),
         ("nearest mug", "number", 0),
         ("interference", "most", 0),

@@ -111,7 +111,7 @@ def test_a_model_without_inverse_explains_without_relational_scores() -> None:
     known = ring()
     live = isi.from_pykeen(model_of("tucker", known), known)
     live.insert("cup", FACTS)
-    indicators = live.explain("cup", top=2).indicators
+    indicators = live.explain("cup").indicators
     assert indicators
     assert {each.relations for each in indicators} == {None}
     assert live.report("cup", top=2).entity == "cup"

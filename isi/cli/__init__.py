@@ -39,7 +39,7 @@ COMMANDS = {
         "entity:ask",
         "Rank answers: (HEAD, RELATION, ?), (?, RELATION, TAIL), (HEAD, ?, TAIL).",
     ),
-    "explain": ("entity:explain", "Explain an insertion: repeat it without each of its parts."),
+    "explain": ("entity:explain", "Explain an insertion: its facts, its words, its indicators."),
     "live": ("live:live", "Answer facts and questions in JSON lines, at once."),
     "import": ("import_:import_", "Make a home of an embedding that another tool trained."),
 }

@@ -459,9 +459,8 @@ class LiveEmbedding:
         return [(names[other], cosine) for other, cosine in self.now.nearest(row, number)]
 
     @reads
-    def explain(self, entity: str, top: int = 5) -> Explanation:
-        """Why an inserted entity is where it is: its indicators,
-        and the effect of each part of its input.
+    def explain(self, entity: str) -> Explanation:
+        """Why an inserted entity is where it is: its facts, its words and its indicators.
 
         Example:
             >>> effect = home.insert("mug", {"in": "kitchen"}, initializer="rs", options={"k": 3})
@@ -469,9 +468,8 @@ class LiveEmbedding:
             >>> sorted(indicator.entity for indicator in explanation.indicators)
             ['cup', 'fork', 'pan']
         """
-        check(top, Count, "", "argument 'top'")
         notes = list[str]()
-        explained = explain(self._snapshot(entity, notes), top)
+        explained = explain(self._snapshot(entity, notes))
         return replace(explained, notes=[*notes, *explained.notes])
 
     @reads
