@@ -235,9 +235,9 @@ def test_commands_work_in_the_empty_environment(empty: Empty, tmp_path: Path) ->
 
 
 def test_an_import_works_in_the_empty_environment(empty: Empty, tmp_path: Path) -> None:
-    (tmp_path / "entity2id.txt").write_text("2\nmug\t0\nkitchen\t1\n")
-    (tmp_path / "relation2id.txt").write_text("1\nin\t0\n")
-    (tmp_path / "train2id.txt").write_text("1\n0 1 0\n")
+    (tmp_path / "entities.txt").write_text("mug\nkitchen\n")
+    (tmp_path / "relations.txt").write_text("in\n")
+    (tmp_path / "triples.tsv").write_text("mug\tin\tkitchen\n")
     tables = {"entities": np.array([[1.0, 2], [3, 4]]), "relations": np.array([[1.0, 1]])}
     np.savez(tmp_path / "model.npz", **tables)
     options = ("--model", "distmult", "--out", str(tmp_path / "bundle"))
