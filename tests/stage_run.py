@@ -27,6 +27,7 @@ SMALL: dict[str, Any] = {
     "embedding.dimension": 8,
     "training.max_epochs": 4,
     "training.evaluate_every": 2,
+    "sweep.experiments": [],
     "final_model.experiments": [NAME],
     "explorer.experiments": [NAME],
     "explorer.size": 1,

@@ -42,6 +42,7 @@ def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         "full_curves": [],
         **dict.fromkeys(CONDITIONS),
     }
+    params["sweep"]["experiments"] = []
     params["words"] = WORDS
     params["compute"] |= {"workers": 1, "stack": 2}
     paths.PARAMS.write_text(yaml.safe_dump(params), encoding="utf-8")
