@@ -42,7 +42,6 @@ beyond: $(CHECKED)  ## after repro, run the second pipeline: other embedding mod
 	@python -m stages.check_params beyond
 	@$(MAKE) --no-print-directory repro
 	@python tools/repro.py beyond/dvc.yaml
-	@python -m tools.hidden
 
 quick: $(CHECKED)  ## run the pipeline on a small grid in quick/, in about five minutes (ARGS="--set initializers.es.k=4 --drop experiments.transfer" for other params)
 	@python tools/workspace.py quick $(ARGS)

@@ -51,8 +51,7 @@ print(f"{len(runs):,} rows of {', '.join(runs['model'].unique())}\n")
 immediate = runs[runs["epoch"] == 0]
 print(
     (
-        100
-        * immediate.pivot_table(values="mrr", index="model", columns="scope", observed=True)
+        100 * immediate.pivot_table(values="mrr", index="model", columns="scope", observed=True)
     ).round(2),
     "\n",
 )
@@ -73,9 +72,7 @@ print(
 
 # %% Learning curves
 # Held-out queries about novel entities, in runs that were fine-tuned for all epochs
-full = (
-    runs.groupby(["model", "size", "seed"])["epoch"].transform("max") == runs["epoch"].max()
-)
+full = runs.groupby(["model", "size", "seed"])["epoch"].transform("max") == runs["epoch"].max()
 curves = (
     runs[full & (runs["scope"] == "novel_held_out")]
     .groupby(["epoch", "model"])["mrr"]
@@ -96,8 +93,5 @@ hardest = (
     .agg(["mean", "size"])
 )
 print(
-    hardest.rename(columns={"mean": "MRR", "size": "insertions"})
-    .sort_values("MRR")
-    .head()
-    .round(3)
+    hardest.rename(columns={"mean": "MRR", "size": "insertions"}).sort_values("MRR").head().round(3)
 )

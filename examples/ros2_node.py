@@ -6,7 +6,7 @@ answers leave on ``answers``, with the ``id`` of the request. (A service with a 
 needs a package of its own with its ``.srv``.) The service ``undo``, a ``std_srvs/Trigger``, takes
 the last change back. All names are relative: a namespace or a remapping moves them.
 
-Parameters: ``home``, the folder; ``durability``, ``full`` or ``normal``.
+Parameter: ``home``, the folder.
 
 The node was run with a stand-in for rclpy that delivers messages within one process
 (tests/ros_bus.py). It was not run with ROS 2: quality of service, executors and shutdown are as its
@@ -37,8 +37,7 @@ class LiveNode(Node):
     def __init__(self) -> None:
         super().__init__("isi")
         folder = self.declare_parameter("home", "home").value
-        durability = self.declare_parameter("durability", "full").value
-        self.home = isi.open(folder, durability)
+        self.home = isi.open(folder)
         self.answers = self.create_publisher(String, "answers", WAITING)
         changes, questions = MutuallyExclusiveCallbackGroup(), MutuallyExclusiveCallbackGroup()
         for topic, group in (("facts", changes), ("ask", questions)):

@@ -1,6 +1,6 @@
 """Train an embedding of a table of triples, insert an object that it lacks, and ask about it.
 
-Run it in the folder of the project: ``python examples/train_csv.py``. Any file that ``isi graph``
+Run it in the folder of the project: ``python examples/train_csv.py``. Any file that ``isi train``
 reads will do.
 """
 

@@ -181,9 +181,8 @@ class Params(Section):
 
     def variant_config(self, variant: Variant) -> VariantConfig:
         """The config of a variant; these params include its changes."""
-        full_curves = [variant.size] if variant.full_curves else []
         inserted = {
-            name: self.insert_config(name, full_curves, variant.options.get(name))
+            name: self.insert_config(name, options=variant.options.get(name))
             for name in variant.initializers
         }
         words = self.words if variant.changes_one_of("words") else None
@@ -194,7 +193,6 @@ class Beyond(Section):
     """All sections of ``beyond/params.yaml``."""
 
     graphs: dict[Name, GraphExperiment] = Field(default_factory=dict)
-    hidden: dict[Name, dict[str, Any]] = Field(default_factory=dict)  #: see ``isi.benchmark.study``
     variants: dict[Name, Variant] = Field(default_factory=dict)
 
 

@@ -9,35 +9,6 @@ import yaml
 from isi.tables import paths
 
 ROOT = Path(__file__).parent.parent
-TRAINING = {
-    "model": "complex",
-    "loss": "softplus",
-    "dimension": 4,
-    "batch_size": 64,
-    "learning_rate": 0.05,
-    "loop": "slcwa",
-    "negatives": 2,
-    "inverse_triples": False,
-    "valid": 0.1,
-    "max_epochs": 4,
-    "frequency": 2,
-    "patience": 1,
-}
-HIDDEN: dict[str, Any] = {
-    "title": "Ring",
-    "graph": "nations",
-    "source": "pykeen",
-    "words": None,
-    "seeds": 1,
-    "fraction": 0.1,
-    "fewest": 4,
-    "queries": 0.25,
-    "max_insert_triples": [1, 3, None],
-    "initializers": ["mean"],
-    "training": TRAINING,
-    "epochs": 3,
-    "train_all_rows": True,
-}
 SESSIONS = {"novel": "any", "sizes": [3], "seeds": 2}
 WORDS = {"source": "shipped", "text": "phrase", "sha256": None}
 GRAPH: dict[str, Any] = {
@@ -50,7 +21,7 @@ GRAPH: dict[str, Any] = {
 }
 VARIANT: dict[str, Any] = {
     "title": "own",
-    "group": "causes",
+    "group": "baselines",
     "experiments": ["ai2thor"],
     "initializers": ["xavier", "es"],
     "size": 5,

@@ -9,7 +9,6 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import torch
 
-from isi.benchmark.study import HIDDEN_ENTITIES
 from isi.experiment.breakdown import QUERY_BREAKDOWN
 from isi.experiment.store import RUNS, TRAINING_LOG
 from isi.graph.graph import ENTITIES, TRIPLES
@@ -48,12 +47,6 @@ ROWS: dict[Table, dict[str, Any]] = {
                       "novel": ["given", "answer", "none"],
                       "queries": [3, 1, 2], "mrr_star": [0.5, 1 / 3, 1.0],
                       "mrr": [0.0, 1.0, 0.25], "observations": [3, 2**40, 7]},
-    HIDDEN_ENTITIES: {"method": ["insert", "insert", "retrained"],
-                      "initializer": ["es", "es", None], "told": [1, None, None], "seed": [0, 0, 1],
-                      "asked": ["known", "hidden", "earlier"], "entities": 5, "queries": [4, 4, 9],
-                      "mrr": [0.5, 1 / 3, 1.0], "hits_at_10": [0.0, 0.5, 1.0],
-                      "trained_with": ["softmax", "logistic", None],
-                      "estimated_loss": [None, None, 0.01]},
 }  # fmt: skip
 
 

@@ -12,6 +12,7 @@ import yaml
 from pydantic import BaseModel
 
 from isi.config import value_of
+from isi.params import CONDITIONS, Params
 from isi.pipeline import PIPELINES
 from isi.stage import StageContext, context_of
 from isi.tables import paths
@@ -45,7 +46,18 @@ def restricted_context(stage: str, names: Mapping[str, str]) -> StageContext:
     and no others.
     """
     context, keys = context_of(stage, names), listed(stage, names)
-    params = restricted(context.params, [*keys[paths.PARAMS], "compute"])
+    of_params = [*keys[paths.PARAMS], "compute"]
+    params = restricted(context.params, of_params)
+
+    def of(experiment: str) -> Params:
+        """The params of an experiment: a section is listed if its own conditions are, too."""
+        key, left = f"experiments.{experiment}", of_params
+        for section in CONDITIONS:
+            if not {f"{key}.{section}", key, "experiments"} & {*of_params}:
+                left = [each for each in left if each.partition(".")[0] != section]
+        return restricted(context.params.of(experiment), left)
+
+    params.__dict__["of"] = of
     return replace(
         context,
         params=params,

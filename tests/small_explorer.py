@@ -58,11 +58,11 @@ class Shown:
 def small() -> Shown:
     """Three of 14 entities are new; one has no word vector; one new entity has no facts."""
     points = points_of(small_grid.GRAPH, 3, [5])
-    points = replace(points, insert_triples=points.insert_triples[points.insert_triples[:, 2] < 2])
+    points = replace(points, insert_triples=points.insert_triples[points.insert_triples[:, 1] < 2])
     result = train_stack(points, small_grid.LEARNING)
     joint = train_stack(points.all_known, small_grid.LEARNING).theta
     words = small_grid.WORDS.copy()
-    words[[points.novel[0, 0, 1], 4]] = 0
+    words[[points.novel[0, 1], 4]] = 0
     listed = {name: INITIALIZERS.get(name, name).defaults for name in COMPUTED}
     changed = {"ers": {"k": 3, "candidates": 5}, "es": {"k": 3}, "rs": {"k": 4}}
     named = replace(points, graph=replace(points.graph, entities=NAMES))

@@ -1,6 +1,5 @@
 """A small embedding of random vectors, a home of it, and a comparison of two homes."""
 
-import pickle
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -51,11 +50,6 @@ def quick_choices(of_known: bool = False) -> Iterator[None]:
     choose = _remembered if of_known else _choose
     with patch.object(groups, "select", _selected), patch.object(EntityGroups, "_choose", choose):
         yield
-
-
-def copied(live: LiveEmbedding) -> LiveEmbedding:
-    """A home as another process gets it."""
-    return pickle.loads(pickle.dumps(live))  # type: ignore[no-any-return]  # noqa: S301
 
 
 def facts_of(live: LiveEmbedding) -> dict[Fact, tuple[int, float | None]]:

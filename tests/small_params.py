@@ -7,7 +7,7 @@ from typing import Any
 import yaml
 
 from isi.config import check
-from isi.params import Params
+from isi.params import CONDITIONS, Params
 
 ROOT = Path(__file__).parent.parent
 EPOCHS = 3
@@ -27,23 +27,25 @@ def small_params(experiments: Sequence[str], **changes: Any) -> Params:
     """The params of this repository with small experiments; ``changes``: by dotted key."""
     values = yaml.safe_load((ROOT / "params.yaml").read_text(encoding="utf-8"))
     values["sources"] = {name: {"reader": "published"} for name in ("home", "away", "shop")}
-    sessions = {"novel": "any", "sizes": [1, 2], "seeds": 2, "steps": 1}
+    sessions = {"novel": "any", "sizes": [1, 2], "seeds": 2}
     values["experiments"] = {
         name: {
             "title": f"the {name} graph",
             "graph": GRAPHS[name],
-            "full_curves": {"sizes": [2]},
             "initializers": "all",
-            "immediate_only": [],
+            "finetuned": {"initializers": "all", "seeds": 2},
+            "full_curves": [2],
+            **dict.fromkeys(CONDITIONS),
             "sessions": sessions | ({"novel": "added", "sizes": [2]} if name == "moved" else {}),
         }
         for name in experiments
     }
     studies: dict[str, dict[str, Any]] = {
-        "sweep": {"size": 2, "seeds": 2, "k": [1, 2, 4]},
+        "sweep": {"size": 2, "seeds": 2, "finetuned_seeds": 2, "k": [1, 2, 4]},
         "trajectory": {"size": 2},
         "cross_validation": {},
-        "affordances": {"entities": ["fan"]},
+        "affordances": {"entities": {name: ["fan"] for name in experiments}},
+        "measure_changes": {},
         "finetune_only": {},
         "final_model": {},
         "explorer": {"size": 2, "seed": 0},

@@ -19,7 +19,8 @@ INITIALIZERS = ("xavier", "iu", "es", "rs", "ers")
 SMALL: dict[str, Any] = {
     "experiments.ai2thor.sessions.seeds": 3,
     "experiments.ai2thor.sessions.sizes": [1, 2],
-    "experiments.ai2thor.full_curves.sizes": [2],
+    "experiments.ai2thor.full_curves": [2],
+    "experiments.ai2thor.finetuned.seeds": 2,
     "experiments.transfer.sessions.seeds": 3,
     "embedding.dimension": 8,
     "training.max_epochs": 4,
@@ -30,7 +31,10 @@ SMALL: dict[str, Any] = {
     "sweep.initializers": {"es": {}, "ers": {"candidates": 30}},
     "sweep.k": [1, 8],
     "sweep.size": 2,
+    "sweep.experiments": ["ai2thor"],
     "sweep.seeds": 2,
+    "sweep.finetuned_seeds": 1,
+    "measure_changes.experiments": ["ai2thor"],
     "trajectory.size": 2,
     "trajectory.epochs": 2,
     "cross_validation.folds": 3,
@@ -40,8 +44,9 @@ SMALL: dict[str, Any] = {
     "cross_validation.weight_decay": [],
     "explorer.size": 2,
     "explorer.seed": 0,
-    # The published graph goes through DVC in tests of killed runs.
-    "experiments.published": workspace.DROP,
+    # The paper's graph goes through DVC in tests of killed runs.
+    "experiments.paper": workspace.DROP,
+    "experiments.paper_transfer": workspace.DROP,
     "sources.published": workspace.DROP,
     **{
         f"initializers.{name}": workspace.DROP

@@ -16,14 +16,18 @@ from isi.tables import paths
 from tools.workspace import change
 
 ROOT = Path(__file__).parent.parent
-NAME = "published"
+NAME = "paper"
 SMALL: dict[str, Any] = {
     f"experiments.{NAME}.sessions.seeds": 2,
     f"experiments.{NAME}.sessions.sizes": [1, 2],
+    f"experiments.{NAME}.full_curves": [],
+    f"experiments.{NAME}.negatives": None,
+    f"experiments.{NAME}.training": {"batch_size": 2048},
+    f"experiments.{NAME}.finetuning": {"max_epochs": 1},
     "embedding.dimension": 8,
     "training.max_epochs": 4,
     "training.evaluate_every": 2,
-    "finetuning.max_epochs": 1,
+    "sweep.experiments": [],
     "final_model.experiments": [NAME],
     "explorer.experiments": [NAME],
     "explorer.size": 1,
@@ -33,7 +37,7 @@ SMALL: dict[str, Any] = {
     "words.text": "glove",
 }
 STAGES = (
-    f"mine {NAME}",
+    "mine published",
     f"build_graph {NAME}",
     f"embed_words {NAME}",
     f"make_sessions {NAME}",

@@ -12,7 +12,7 @@ import torch
 
 import isi
 from isi.benchmark import Evaluation, HiddenSplit, hide
-from isi.benchmark.graphs import shipped
+from isi.benchmark.graphs import named
 from isi.benchmark.split import SplitIds, split_ids
 from isi.errors import InputError
 from isi.random import stream
@@ -21,8 +21,7 @@ from tests.plain_ranks import filtered_rank
 from tests.small_graphs import random_embedding, random_graph
 
 ENTITIES, RELATIONS = 30, 3
-GRAPH = random_graph(ENTITIES, RELATIONS, 200)
-TRIPLES = GRAPH.triples.numpy()
+TRIPLES = random_graph(ENTITIES, RELATIONS, 200).triples.numpy()
 #: ``digest`` of the splits with seeds 0, 1 and 2, by share, fewest triples and share of queries.
 #: Whoever published results on a split needs it to stay.
 SPLITS = {
@@ -34,7 +33,7 @@ UMLS = ["82d352bf32e80a98", "5bafaf5edc06ac76", "cef6c0acf69580b1"]
 
 
 def hidden(seed: int = 0, **changed: Any) -> HiddenSplit:
-    return hide(GRAPH, **{"fraction": 0.1, "fewest": 4, "queries": 0.25, "seed": seed, **changed})
+    return hide(TRIPLES, **{"fraction": 0.1, "fewest": 4, "queries": 0.25, "seed": seed, **changed})
 
 
 def digest(ids: SplitIds) -> str:
@@ -179,26 +178,14 @@ def test_labels_ids_and_a_factory_give_the_same_split() -> None:
 
 
 def test_a_shipped_table_of_triples_is_a_graph() -> None:
-    graph, words = shipped("codex_s")
-    assert (len(words), len(graph.relations), len(graph.triples)) == (2034, 42, 36543)
+    graph = named("codex_s")
+    assert (len(graph.entities), len(graph.relations), len(graph.triples)) == (2034, 42, 36543)
     head, relation, tail = graph.triples.numpy().T
     entities, relations = np.array(graph.entities, object), np.array(graph.relations, object)
     listed = pd.read_csv(ROOT / "data/raw/codex_s/triples.csv")
     assert entities[head].tolist() == listed["head"].tolist()
     assert relations[relation].tolist() == listed["relation"].tolist()
     assert entities[tail].tolist() == listed["tail"].tolist()
-
-
-def test_fb15k237_is_the_graph_of_its_authors() -> None:
-    pytest.importorskip("pyarrow")
-    graph, words = shipped("fb15k237")
-    assert (len(graph.entities), len(graph.relations), len(graph.triples)) == (14541, 237, 310116)
-    assert len({*graph.entities}) == len(words) == 14541
-    assert len(graph.triples.unique(dim=0)) == 310116
-    assert words[graph.entities.index("/m/0100mt")] == "El Paso"
-    split = hide("fb15k237", fraction=0.001)
-    assert len(split.hidden) == 15
-    assert {*split.hidden} < {*graph.entities}
 
 
 # Ranks

@@ -21,10 +21,9 @@ from isi.initializers.api import (
 )
 from isi.initializers.paper import hybrid_similarity
 from isi.initializers.similarity import insert_triple_ends, nearest_by_words, word_similarity
-from isi.models.bilinear import BlockModel, DistMult
+from isi.models.bilinear import DistMult
 from isi.models.distance import TransE
 from isi.models.model import Model
-from isi.training.trainer import is_compiled
 
 
 def nearest(context: InitContext) -> InitResult:
@@ -250,7 +249,7 @@ class ByPlace(Trilinear):
         (Directions(), models.zero_vectors_have_finite_gradients),
         (OneWay(2.0), models.maps_undo_each_other),
         (Shrinking(), models.constrained_vectors_stay),
-        (Bent(), models.linear_score_is_a_product),
+        (Bent(), models.all_ways_to_score_agree),
         (Marginless(), models.distance_has_a_margin),
         (ByPlace(), models.stack_has_no_effect),
     ],
@@ -279,24 +278,17 @@ def test_a_model_is_checked_with_its_options_by_name() -> None:
         isi.check_model(DistMult)  # type: ignore[arg-type]
 
 
-@dataclass(frozen=True)
-class Fifth(BlockModel):
-    """An own block model: a fifth of its coordinates are scalars."""
-
-    linear = True
-    scalars = 20
-
-
-def test_an_own_block_model_is_compiled_and_gives_the_same_numbers() -> None:
-    assert is_compiled(Fifth(), 1)
-    assert isi.check_model(Fifth())[-1] == "compiled_updates_are_those_of_batches"
-
-
 def test_checks_compute_with_one_thread_and_restore_their_number() -> None:
-    before = torch.get_num_threads()
+    before, seen = torch.get_num_threads(), set[int]()
+
+    def counted(context: InitContext) -> InitResult:
+        seen.add(torch.get_num_threads())
+        return without_weights(ones(context))
+
     torch.set_num_threads(4)
     try:
-        isi.check_model(Fifth())  # of d = 20, whose bits depend on the number of threads
+        isi.check_initializer(counted)
+        assert seen == {1}
         assert torch.get_num_threads() == 4
     finally:
         torch.set_num_threads(before)

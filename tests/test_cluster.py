@@ -105,7 +105,7 @@ def test_a_cluster_gives_the_bytes_of_processes_though_a_worker_is_killed(
     }
     assert done_by[killed] <= done_by[other] == {"0", "1", "2", "3"}
     assert trained_bytes(learned) == expected
-    later = insert_tasks(2, "ers", theta0(steps=2), steps=2)
+    later = insert_tasks(2, "ers", theta0())
     inserted, again = (
         run(insert_stack, later, compute, "ers") for compute in (PROCESSES, on_cluster(cluster))
     )

@@ -140,7 +140,7 @@ def test_every_function_reads_columns_by_name(function: Callable[[Any], object])
 @pytest.mark.parametrize("column", ["weight", "n", "split", "label", "headLabel"])
 def test_other_columns_are_refused_in_frames_as_in_files(column: str, tmp_path: Path) -> None:
     frame = pd.DataFrame(FACTS, columns=["head", "relation", "tail"]).assign(**{column: "train"})
-    for facts in (frame, frame.to_records(index=False), pa.table(frame)):
+    for facts in (frame, pa.table(frame)):
         with pytest.raises(InputError, match=repr(column)):
             train(facts)
     frame.to_csv(tmp_path / "t.csv", index=False)
@@ -180,5 +180,4 @@ def test_ids_beside_counts_are_read_from_tables_of_arrow(form: str) -> None:
 @pytest.mark.parametrize("column", ["count", "Count"])
 def test_counts_are_read_in_any_table(column: str) -> None:
     frame = pd.DataFrame(FACTS, columns=["h", "r", "t"]).assign(**{column: [3, 1]})
-    for form in (frame, frame.to_records(index=False)):
-        assert sorted(tables_of(form).triples["count"]) == [1, 3]
+    assert sorted(tables_of(frame).triples["count"]) == [1, 3]

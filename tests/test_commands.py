@@ -21,7 +21,6 @@ import yaml
 
 from isi.__main__ import main
 from isi.cli import COMMANDS, lines
-from isi.tables import paths
 from tests.small_bundle import NAMES, home_of, small, worded
 
 ROOT = Path(__file__).parent.parent
@@ -61,10 +60,6 @@ def printed(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
 
 def lay_out(session: dict[str, Any]) -> None:
     """Write the files of a session."""
-    if session.get("from") == "project":
-        shutil.copy(ROOT / paths.PARAMS, ".")
-        paths.DATA.mkdir()
-        paths.RAW.symlink_to(ROOT / paths.RAW)
     if session.get("from") == "examples":
         for path in EXAMPLES.glob("home*.csv"):
             shutil.copy(path, ".")

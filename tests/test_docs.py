@@ -12,7 +12,6 @@ import pytest
 
 from isi.__main__ import main
 from tests import committed
-from tests.prose import crowded
 from tools import docs
 
 PAGES = [*docs.pages(), *(docs.ROOT / name for name in ("CONTRIBUTING.md", "CHANGELOG.md"))]
@@ -65,24 +64,6 @@ def slug(heading: str) -> str:
 @each_page
 def test_pages_install_from_the_folder_since_no_index_has_the_package(page: Path) -> None:
     assert not re.search(r"pip install ['\"]?isi-kge", page.read_text(encoding="utf-8"))
-
-
-@pytest.mark.parametrize(
-    "page",
-    [docs.ROOT / "README.md", *sorted((docs.ROOT / "docs").glob("*.md"))],
-    ids=lambda page: page.name,
-)
-def test_a_sentence_has_few_numbers(page: Path) -> None:
-    assert crowded(page.read_text(encoding="utf-8")) == []
-
-
-def test_numbers_of_prose_alone_are_counted() -> None:
-    many = "It has 1, 2,000, .3, 4.5 and 6."
-    assert crowded(f"Short. {many} Short.") == [many]
-    assert crowded("It has 1, 2, 3 and 4. Then 5. `isi` has 6.") == []
-    assert crowded("It has 1, 2, 3, 4 and <!-- value: a::1 -->5<!-- end -->.") != []
-    assert crowded("<!-- value: a::1::2 -->3<!-- end -->, 4 and `5, 6` in [7](8.md).") == []
-    assert crowded(f"# {many}\n\n| {many} |\n\n```\n{many}\n```\n") == []
 
 
 def printed(arguments: list[str], folder: Path) -> str:

@@ -22,7 +22,6 @@ NO_EXAMPLE = {
     "isi.initializers.api.InitResult",
     "isi.insertion.api.insert",
     "isi.insertion.interference.Interference",
-    "isi.insertion.large.insert_rows",
     "isi.insertion.request.InsertRequest",
     "isi.insertion.result.Details",
     "isi.insertion.result.Entity",

@@ -110,6 +110,19 @@ def test_initializers_are_compared_by_the_answers_about_hidden_entities(run: Run
     assert f"{len(left['queries'])} queries" in printed
 
 
+def test_a_study_of_hidden_entities_has_a_row_for_each_method(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("pykeen")
+    asked = ["nations", "--seeds", "1", "--facts", "1", "--epochs", "2", "--table", "study.csv"]
+    monkeypatch.setattr("sys.argv", ["hidden_study.py", *asked])
+    left, printed = run("hidden_study.py")
+    written = pd.read_csv("study.csv")
+    assert written["method"].tolist() == ["default", *left["METHODS"][1:]]
+    assert written["known ends"].between(0, 1).all()
+    assert "earlier lost" in printed
+
+
 def test_an_own_initializer_is_used_by_name(run: Run) -> None:
     left, printed = run("own_initializer.py")
     np.testing.assert_allclose(left["done"].entities[40], left["entities"].mean(0) / 2, atol=1e-6)

@@ -170,7 +170,7 @@ def mrr_star(
     if not queried.any():
         return None
     filtered = (after.members(TRAIN, VALID) & ~of) | told
-    queries = make_queries(after, padded_ids(queried), queried, filtered, before.entities)
+    queries = make_queries(after, padded_ids(queried), queried, filtered, filtered, before.entities)
     (ranked,) = rank_queries(embedding, {"all": queries})
     head, _, tail = ranked["all"].slots
     is_tail = ranked["all"].rows.ids[2] == entity

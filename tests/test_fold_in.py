@@ -69,23 +69,6 @@ def test_new_entities_depend_on_each_other_and_those_without_facts_stay(
         assert not torch.allclose(other[0, 0], together[0, 0])
 
 
-def test_a_fact_of_two_new_entities_counts_once() -> None:
-    context = alone(of_loss("softmax"), 0)
-    context = replace(
-        context,
-        novel=torch.tensor([[0, 5]]),
-        other=torch.tensor([[[5, 1], [0, 0]]]),
-        relation=torch.tensor([[[2, 0], [2, 0]]]),
-        novel_is_tail=torch.tensor([[[False, True], [True, False]]]),
-        observed=torch.tensor([[[True, True], [True, False]]]),
-    )
-    rows = module._rows(context, 0, torch.zeros(2, DIMENSION))
-    known = context.known[0].nonzero()[:, 0].tolist()
-    first = len(known)
-    assert rows.facts.triples.tolist() == [[first, 2, first + 1], [known.index(1), 0, first]]
-    assert rows.has_facts.tolist() == [True, True]
-
-
 @pytest.mark.parametrize("packed", [False, True])
 def test_new_relations_are_trained_too(packed: bool) -> None:
     relations = 2 * RELATIONS if packed else RELATIONS

@@ -10,23 +10,25 @@ import yaml
 
 from isi.analyses.variants import GRAPH_QUERIES, GRAPH_RUNS, VARIANT_QUERIES, VARIANT_RUNS
 from isi.graph.graph import ENTITIES, GRAPH_ENTITIES, GRAPH_TRIPLES, TRIPLES
+from isi.params import CONDITIONS
 from isi.tables import paths
 from tests import stage_run
 from tests.beyond_entries import GRAPH, ROOT, SESSIONS, WORDS, copy_pipelines, list_entries
 
 FIRST = {name: GRAPH[name] for name in ("initializers", "changes")} | {
     "title": "first",
-    "group": "causes",
-    "experiments": ["published"],
+    "group": "baselines",
+    "experiments": ["paper"],
     "size": 3,
     "seeds": 2,
+    "finetuned": False,
     "trained": True,
 }
 
 
 @pytest.fixture
 def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A folder with both pipelines; the second one has the graph ``published`` of the
+    """A folder with both pipelines; the second one has the graph ``paper`` of the
     first one under another name.
     """
     monkeypatch.chdir(tmp_path)
@@ -34,10 +36,13 @@ def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     paths.DATA.mkdir()
     paths.RAW.symlink_to(ROOT / paths.RAW)
     params = yaml.safe_load(paths.PARAMS.read_text(encoding="utf-8"))
-    params["experiments"]["published"] |= {
+    params["experiments"]["paper"] |= {
         "graph": {"source": "published"},
         "sessions": SESSIONS,
+        "full_curves": [],
+        **dict.fromkeys(CONDITIONS),
     }
+    params["sweep"]["experiments"] = []
     params["words"] = WORDS
     params["compute"] |= {"workers": 1, "stack": 2}
     paths.PARAMS.write_text(yaml.safe_dump(params), encoding="utf-8")
@@ -48,16 +53,16 @@ def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_an_experiment_on_a_graph_is_what_the_first_pipeline_would_have_run() -> None:
     for command in (
         "mine published",
-        "build_graph published",
-        "embed_words published",
-        "make_sessions published",
+        "build_graph paper",
+        "embed_words paper",
+        "make_sessions paper",
         "vary first",
         "explore again",
     ):
         stage_run.run(command)
     for table, theirs in (
-        (GRAPH_ENTITIES, ENTITIES.read(experiment="published")),
-        (GRAPH_TRIPLES, TRIPLES.read(experiment="published")),
+        (GRAPH_ENTITIES, ENTITIES.read(experiment="paper")),
+        (GRAPH_TRIPLES, TRIPLES.read(experiment="paper")),
         (GRAPH_RUNS, VARIANT_RUNS.read(variant="first")),
         (GRAPH_QUERIES, VARIANT_QUERIES.read(variant="first")),
     ):
@@ -77,7 +82,7 @@ def test_an_experiment_on_a_graph_is_what_the_first_pipeline_would_have_run() ->
 def test_a_graph_with_too_few_entities_is_refused_and_nothing_is_written() -> None:
     list_entries(graphs={"again": GRAPH | {"sessions": SESSIONS | {"sizes": [500]}}})
     expected = (
-        r"^explore: beyond/params\.yaml: graphs\.again: .*sessions\.sizes: expected a lower size"
+        r"^explore: beyond/params\.yaml: graphs\.again: .*sessions\.sizes: expected a smaller size"
     )
     with pytest.raises(SystemExit, match=expected):
         stage_run.run("explore again")

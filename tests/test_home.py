@@ -6,7 +6,6 @@ import tempfile
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
-from copy import deepcopy
 from dataclasses import astuple
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -26,7 +25,6 @@ from tests.small_live import (
     KNOWN,
     TRAINED,
     assert_same,
-    copied,
     quick_choices,
     seen,
 )
@@ -95,14 +93,14 @@ START = dict.fromkeys(TRAINED, Row())
 
 
 class HomeMachine(RuleBasedStateMachine):
-    @initialize(durability=st.sampled_from(["full", "normal"]))
-    def start(self, durability: Any) -> None:
+    @initialize()
+    def start(self) -> None:
         self.stack = ExitStack()
         self.stack.enter_context(quick_choices(of_known=True))
         self.folder = Path(self.stack.enter_context(tempfile.TemporaryDirectory())) / "home"
         self.thread = self.stack.enter_context(ThreadPoolExecutor(1))
         home_of(self.folder, KNOWN)
-        self.lives = [isi.open(self.folder, durability=durability) for _ in range(2)]
+        self.lives = [isi.open(self.folder) for _ in range(2)]
         self.states = [State({}, START)]  # after each change that is in force
         self.changes = self.undone = 0
 
@@ -256,15 +254,14 @@ class HomeMachine(RuleBasedStateMachine):
         with tempfile.TemporaryDirectory() as folder:
             in_memory.save(folder)
             with isi.open(folder) as saved:
-                for each in (saved, copied(in_memory), deepcopy(in_memory)):
+                for each in (saved, in_memory):
                     assert_same(seen(each), seen(self.lives[0]))
                     each.tell([("a copy", "in", "e1")])
 
-    @rule(who=st.integers(0, 1), how=st.sampled_from(["close", "pickle"]))
-    def open_again(self, who: int, how: str) -> None:
-        live = self.lives[who]
-        self.lives[who] = isi.open(self.folder) if how == "close" else copied(live)
-        live.close()
+    @rule(who=st.integers(0, 1))
+    def open_again(self, who: int) -> None:
+        self.lives[who].close()
+        self.lives[who] = isi.open(self.folder)
 
     @invariant()
     def all_follows_from_what_was_told(self) -> None:

@@ -1,5 +1,5 @@
 """``isi import``: an imported model gives the scores of the original,
-and no pickle is loaded without consent.
+and no code of a pickle runs.
 """
 
 from collections.abc import Callable
@@ -10,9 +10,7 @@ import numpy as np
 import pytest
 import torch
 from safetensors.numpy import save_file
-from safetensors.torch import save_file as save_tensors
 
-from isi.__main__ import main
 from isi.graph.graph import HEAD, TAIL
 from tests.importing import Bomb, imported
 from tests.small_bundle import (
@@ -22,7 +20,6 @@ from tests.small_bundle import (
     NAMES,
     TRIPLES,
     write_lists,
-    write_openke,
 )
 
 pytestmark = pytest.mark.usefixtures("in_tmp_path")
@@ -49,12 +46,9 @@ FORMS: dict[str, Callable[[Path], object]] = {
 }
 
 
-@pytest.mark.parametrize("source", [write_lists, write_openke])
 @pytest.mark.parametrize("form", FORMS)
-def test_tables_come_from_any_form(
-    form: str, source: Callable[[], Path], capsys: pytest.CaptureFixture[str]
-) -> None:
-    folder = source()
+def test_tables_come_from_any_form(form: str, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = write_lists()
     FORMS[form](folder)
     bundle = imported(str(folder), "--model", "distmult")
     assert bundle.entities.tobytes() == ENTITIES.tobytes()
@@ -118,90 +112,23 @@ def test_a_margin_lies_halfway_between_triples_and_corrupted_ones() -> None:
 STATE = {"entities": torch.from_numpy(ENTITIES), "relations": torch.from_numpy(LABELS)}
 
 
-OF_OPENKE = {
-    "ent_embeddings.weight": STATE["entities"],
-    "rel_embeddings.weight": STATE["relations"],
-}
-ADAM = {"state": {0: {"exp_avg": STATE["entities"]}, 1: {"exp_avg": STATE["relations"]}}}
-
-
-def prefixed(prefix: str) -> dict[str, torch.Tensor]:
-    return {prefix + name: values for name, values in OF_OPENKE.items()}
-
-
-CHECKPOINTS: dict[str, Any] = {
-    "other tensors": {**OF_OPENKE, "zero_const": torch.zeros(1), "ids": torch.zeros(6, 2).int()},
-    "parallel": prefixed("module."),
-    "compiled": prefixed("_orig_mod.model."),
-    "nested": {"epoch": 3, "model_state_dict": OF_OPENKE, "optimizer_state_dict": ADAM},
-    "Lightning": {"state_dict": prefixed("model."), "optimizer_states": [ADAM], "loops": {}},
-    "deep": {"model": [{"state_dict": OF_OPENKE}, {}], "optimizer": ADAM},
-}
-
-
-@pytest.mark.parametrize("name", CHECKPOINTS)
-def test_the_tables_of_any_trainer_are_those_with_a_row_for_each_name(name: str) -> None:
-    torch.save(CHECKPOINTS[name], write_openke() / "c.ckpt")
-    bundle = imported("theirs", "--model", "distmult")
-    assert bundle.entities.tobytes() == ENTITIES.tobytes()
-    assert bundle.relations.tobytes() == LABELS.tobytes()
-
-
 @pytest.mark.parametrize(
-    ("state", "named"),
+    ("files", "named"),
     [
-        (
-            {"ent_emb.weight": torch.zeros(5, 4)},
-            r"entities.*--entities NAME.*ent_emb.weight \(5 x 4\)",
-        ),
-        ({"entities": STATE["entities"]}, "relations.*--relations NAME.*no tensor"),
-        ({"epoch": 3}, "no tensor"),
-        ({**OF_OPENKE, "transfer": STATE["relations"]}, r"rel_embeddings.*transfer \(2 x 4\)"),
-        ({**OF_OPENKE, "average": OF_OPENKE}, "ent_embeddings.weight.*average.ent_embeddings"),
+        ({"t.pt": {"entities": STATE["entities"]}}, "one tensor relations .* got none"),
+        ({"t.pt": {"model": STATE}}, "one tensor entities .* got none"),
+        ({"best.pt": STATE, "last.pt": STATE}, r"one tensor entities .* got best\.pt, last\.pt"),
     ],
 )
-def test_tensors_that_do_not_fit_or_not_alone_are_listed(state: dict[str, Any], named: str) -> None:
+def test_a_table_that_is_missing_or_there_twice_is_refused(
+    files: dict[str, Any], named: str
+) -> None:
     folder = write_lists()
-    torch.save(state, folder / "t.pt")
-    with pytest.raises(SystemExit, match=f"expected one tensor .*{named}"):
+    for name, state in files.items():
+        torch.save(state, folder / name)
+    with pytest.raises(SystemExit, match=named):
         imported(str(folder), "--model", "distmult")
-
-
-def test_tensors_are_named_by_options() -> None:
-    """There are as many relations as entities."""
-    folder = write_lists()
-    (folder / "relations.txt").write_text("".join(f"r{name}\n" for name in NAMES), "utf-8")
-    (folder / "triples.tsv").unlink()
-    torch.save({"a.weight": STATE["entities"] * 2, "b": STATE["entities"]}, folder / "t.pt")
-    typed = [str(folder), "--model", "distmult"]
-    with pytest.raises(SystemExit, match=r"--entities NAME.*a\.weight.*b"):
-        imported(*typed)
-    with pytest.raises(SystemExit, match="expected one tensor c"):
-        imported(*typed, "--entities", "c")
-    for options in (["--entities", "b"], ["--entities", "b", "--relations", "a.weight"]):
-        bundle = imported(*typed, *options)
-        assert bundle.entities.tobytes() == ENTITIES.tobytes()
-        assert bundle.relations.tobytes() == (ENTITIES * 2).tobytes()
-    torch.save({"b": STATE["entities"]}, folder / "t.pt")
-    with pytest.raises(SystemExit, match="--relations NAME"):
-        imported(*typed)
-
-
-@pytest.mark.parametrize(
-    "pair", [("epoch_9.pt", "epoch_10.pt"), ("best.pt", "last.pt"), ("m.pt", "m.safetensors")]
-)
-def test_a_table_in_two_files_is_refused_unless_one_is_chosen(pair: tuple[str, str]) -> None:
-    folder = write_lists()
-    for number, name in enumerate(pair, 1):
-        state = {key: values * number for key, values in STATE.items()}
-        save = save_tensors if name.endswith("safetensors") else torch.save
-        save(state, folder / name)
-    with pytest.raises(SystemExit) as error:
-        imported(str(folder), "--model", "distmult")
-    assert all(part in str(error.value) for part in (*pair, "--tensors FILE"))
     assert not Path("out").exists()
-    bundle = imported(str(folder), "--model", "distmult", "--tensors", str(folder / pair[0]))
-    assert bundle.entities.tobytes() == ENTITIES.tobytes()
 
 
 def test_tables_of_two_files_may_share_other_tensors() -> None:
@@ -254,21 +181,11 @@ MODELS = {
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_a_model_of_pykeen_scores_the_same_by_its_state_dict_and_by_its_pickle(
+def test_a_model_of_pykeen_scores_the_same_by_its_state_dict(
     saved: Callable[[str], tuple[Any, Path]], name: str
 ) -> None:
     model, folder = saved(name)
-    by_pickle = imported(str(folder), "--trust-pickle")
     by_state = imported(str(folder), "--model", *MODELS[name])
-    assert by_state.entities.tobytes() == by_pickle.entities.tobytes()
-    np.testing.assert_allclose(by_state.relations, by_pickle.relations, rtol=1e-6)
-    options = [dict(vars(loaded.model)) for loaded in (by_state, by_pickle)]
-    margins = [each.pop("margin", 0.0) for each in options]
-    assert margins[0] == pytest.approx(margins[1])
-    assert options[0] == options[1]
-    assert ("constraint" in by_pickle.manifest.model_options) == (
-        "constraint=sphere" in MODELS[name]
-    )
     assert by_state.entity_names[0] == "brazil"
     assert len(by_state.triples) == 1592
     margin = getattr(by_state.model, "margin", 0.0)
@@ -282,7 +199,7 @@ def test_a_model_of_pykeen_scores_the_same_by_its_state_dict_and_by_its_pickle(
         )
 
 
-def test_inverse_triples_are_named_for_a_state_dict_as_for_a_pickle(tmp_path: Path) -> None:
+def test_inverse_triples_of_a_state_dict_are_named(tmp_path: Path) -> None:
     pytest.importorskip("pykeen", reason="the extra `pykeen` is not installed")
     from pykeen.models import DistMult
     from pykeen.triples import TriplesFactory
@@ -294,29 +211,12 @@ def test_inverse_triples_are_named_for_a_state_dict_as_for_a_pickle(tmp_path: Pa
     model = DistMult(triples_factory=factory, embedding_dim=4)
     factory.to_path_binary(tmp_path / "training_triples")
     torch.save(model.state_dict(), tmp_path / "state.pt")
-    torch.save(model, tmp_path / "trained_model.pkl")
-    for options in (["--model", "distmult"], ["--trust-pickle"]):
-        with pytest.raises(SystemExit, match=r"inverse triples.*isi\.pykeen\.insert"):
-            imported(str(tmp_path), *options)
+    with pytest.raises(SystemExit, match=r"inverse triples.*isi\.pykeen\.insert"):
+        imported(str(tmp_path), "--model", "distmult")
 
 
-def test_a_pickle_is_not_read_unless_it_is_trusted(
-    saved: Callable[[str], tuple[Any, Path]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    _, folder = saved("DistMult")
-    evil = tmp_path / "evil"
-    evil.mkdir()
-    (evil / "training_triples").symlink_to(folder / "training_triples")
-    for name in ("trained_model.pkl", "state.pt"):
-        torch.save(Bomb(), evil / name)
-    for more in ([], ["--tensors", "evil/state.pt"], ["--tensors", "evil/trained_model.pkl"]):
-        with pytest.raises(SystemExit):
-            imported("evil", "--model", "distmult", *more)
+def test_no_code_of_a_pickle_runs() -> None:
+    torch.save(Bomb(), write_lists() / "state.pt")
+    with pytest.raises(SystemExit, match="other pickles are not read"):
+        imported("mine", "--model", "distmult")
     assert not Path("exploded").exists()
-    with pytest.raises(
-        SystemExit, match=r"evil/trained_model\.pkl: NoneType: expected a model with vectors"
-    ):
-        imported("evil", "--trust-pickle")
-    assert Path("exploded").exists()  # the help warns of this
-    main(["import", "--help"])
-    assert "can have it run any program" in " ".join(capsys.readouterr().out.split())

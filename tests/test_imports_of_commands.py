@@ -11,7 +11,7 @@ import pytest
     [
         ("isi.cli", {"torch", "pandas", "numpy"}),
         ("isi.live.home", {"torch", "pandas"}),
-        ("isi.cli.graph", {"torch"}),
+        ("isi.cli.train", {"torch", "pandas"}),
         ("isi.live.explain", {"pandas", "networkx", "jinja2"}),
         (
             "isi.live.phrases as phrases; phrases.shipped().vector('mug')",

@@ -14,7 +14,7 @@ import torch
 
 import isi
 from isi.config import Count, read
-from isi.graph.sessions import TEST, TRAIN, VALID
+from isi.graph.sessions import TRAIN
 from isi.initializers.api import (
     FALLBACKS,
     INITIALIZERS,
@@ -34,7 +34,6 @@ from tests.small_insertion import (
     DIMENSION,
     ENTITIES,
     NOVEL,
-    RELATIONS,
     World,
     insertion,
     seen,
@@ -267,30 +266,6 @@ def test_all_that_ship_pass_the_checks(
     isi.check_initializer(name, EVERYONE[name])
     if dict(INITIALIZERS.get(name).defaults) != EVERYONE[name]:
         isi.check_initializer(name)
-
-
-def rewired(of: World) -> World:
-    """A copy of the world with other validation and test triples,
-    or with validation and test exchanged.
-    """
-    triples, counts = of.graph.triples.clone(), of.graph.counts.clone()
-    out = torch.from_numpy((of.splits != TRAIN).all(0))  # held out in both models
-    triples[out] = (triples[out] + torch.tensor([1, 1, 2])) % torch.tensor(
-        [ENTITIES, RELATIONS, ENTITIES]
-    )
-    counts[out] += 17
-    exchanged = np.select([of.splits == VALID, of.splits == TEST], [TEST, VALID], of.splits).astype(
-        np.int8
-    )
-    assert int(out.sum()) > 3
-    return replace(of, graph=replace(of.graph, triples=triples, counts=counts), splits=exchanged)
-
-
-@pytest.mark.parametrize("name", ["rs", "map"])
-def test_no_validation_or_test_triple_reaches_an_initializer(name: str) -> None:
-    before, after = (initial(name, seen(of)) for of in (world(), rewired(world())))
-    assert torch.equal(before.vectors, after.vectors)
-    assert torch.equal(before.fallback, after.fallback)
 
 
 @pytest.mark.parametrize("name", EVERYONE)

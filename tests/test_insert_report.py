@@ -115,14 +115,14 @@ def test_a_constraint_of_a_users_own_holds_for_new_rows(initializer: str | None)
         "relations": 9 * wide.relation[0].numpy(),
     }
     model, known = Short(), list(KNOWN_TRIPLES)
-    done = call(**given, model=model, initializer=initializer, known_triples=known, budget=20)
+    done = call(**given, model=model, initializer=initializer, known_triples=known)
     new = torch.from_numpy(done.entities[ENTITIES:])
     assert torch.equal(model.constrain(new), new)
     if initializer == "map":
         free = call(**given, model=DistMult(), initializer="map")
         assert (np.abs(free.entities[ENTITIES:]) > 0.2).any()
     made = done.details
-    hidden = made.test.hide(made.most_hidden)
+    hidden = made.test.hide()
     if hidden is not None:
         inserted = hidden.insert(made.method.initializer, made.options)
         assert inserted is not None

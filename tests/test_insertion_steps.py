@@ -12,7 +12,7 @@ from isi.models.stack import Embedding
 from isi.training import trainer
 from isi.training.batches import Negatives, training_data
 from isi.training.trainer import Optimizer, never_stop
-from tests.small_insertion import NOVEL, points_at, world
+from tests.small_insertion import points_at, world
 
 NEGATIVES = Negatives(mode="sampled", ratio=2)
 OPTIMIZER = Optimizer(batch_size=50, learning_rate=0.05, weight_decay=1e-3, max_epochs=3)
@@ -30,7 +30,7 @@ def test_the_mask_is_of_each_models_own_insert_triples() -> None:
 
 def trained(purpose: str) -> Embedding:
     """Θ¹ from a direct call of ``trainer.train``, with a purpose."""
-    data = training_data(POINTS.session(1), purpose, POINTS.keys(), torch.as_tensor(NOVEL))
+    data = training_data(POINTS.session(1), purpose, POINTS.keys())
     return trainer.train(WORLD.theta0, data, NEGATIVES, OPTIMIZER, 0, never_stop)
 
 

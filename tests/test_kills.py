@@ -24,7 +24,7 @@ __all__ = ["dvc"]
 def pipeline(tmp_path_factory: pytest.TempPathFactory, dvc: Dvc) -> Workspace:
     """A pipeline up to Θ⁰, whose last stage is killed, and the digests of its outputs."""
     inputs = ["observations", "graph", "sessions"]
-    workspace = Workspace(tmp_path_factory.mktemp("kills"), ["train_theta0@published"], inputs)
+    workspace = Workspace(tmp_path_factory.mktemp("kills"), ["train_theta0@paper"], inputs)
     dvc(workspace.folder, "repro", *workspace.targets)
     workspace.expected = workspace.digests()
     return workspace
@@ -32,7 +32,7 @@ def pipeline(tmp_path_factory: pytest.TempPathFactory, dvc: Dvc) -> Workspace:
 
 def test_the_comparison_sees_changed_and_left_over_files(pipeline: Workspace) -> None:
     pipeline.compare()
-    folder = pipeline.folder / "data/embeddings/published"
+    folder = pipeline.folder / "data/embeddings/paper"
     left, changed = folder / ".theta0.log.parquet.1.tmp", folder / "theta0.log.parquet"
     left.write_bytes(b"left over")
     before = changed.read_bytes()
@@ -47,7 +47,7 @@ def test_the_comparison_sees_changed_and_left_over_files(pipeline: Workspace) ->
 
 def test_a_killed_run_loses_nothing_and_leaves_no_process(pipeline: Workspace) -> None:
     """DVC is killed while workers train Θ⁰; the next run makes the same bytes."""
-    assert "data/embeddings/published/theta0.log.parquet" in pipeline.expected
+    assert "data/embeddings/paper/theta0.log.parquet" in pipeline.expected
 
     def strike() -> Fault | None:
         """A kill that ended the run; None if the worker's work was done before."""
@@ -57,4 +57,4 @@ def test_a_killed_run_loses_nothing_and_leaves_no_process(pipeline: Workspace) -
     attempts = (survived(pipeline, strike) for _ in range(5))
     fault = next(filter(None, attempts), None)
     assert fault
-    assert (fault.lost, fault.stage.split()) == ("", ["train_theta0", "published"])
+    assert (fault.lost, fault.stage.split()) == ("", ["train_theta0", "paper"])

@@ -40,7 +40,7 @@ def test_the_client_tells_and_asks(home: Path, tmp_path: Path) -> None:
 def test_the_ros_node_answers_on_a_topic_and_by_a_service(
     home: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    bus = Bus("/robot", {"home": str(home), "durability": "normal"})
+    bus = Bus("/robot", {"home": str(home)})
     for name, module in bus.modules().items():
         monkeypatch.setitem(sys.modules, name, module)
     requests = [

@@ -24,7 +24,7 @@ from tests.mistakes.folders import FOLDER_CASES
 from tests.mistakes.imports import IMPORT_CASES
 from tests.mistakes.library import INSERT_CASES, INTERFERENCE_CASES, REPORT_CASES, TRAIN_CASES
 from tests.mistakes.of_pykeen import PYKEEN_CASES
-from tests.small_bundle import write_lists, write_openke
+from tests.small_bundle import write_lists
 from tests.small_embedding import call
 
 #: Mistakes in command lines by program.
@@ -33,16 +33,13 @@ PROGRAMS = listed(
     of_another_build=settings.of_another_build,
     of_pipeline=commands.of_pipeline,
     own_files=commands.own_files,
-    misnamed=graphs.misnamed,
     not_compressed=imports.not_compressed,
     of_pykeen=imports.of_pykeen,
     player=settings.player,
     texts=graphs.texts,
     with_tables=imports.with_tables(),
     without_a_scene=settings.without_a_scene,
-    write_experiment=graphs.write_experiment,
     write_lists=write_lists,
-    write_openke=write_openke,
 )
 PROGRAMS["isi"] += [
     *commands.COMMAND_CASES,
@@ -128,8 +125,6 @@ def test_a_mistake_in_what_is_typed_ends_in_one_line_and_nothing_is_written(
     module: str,
     case: Typed,
 ) -> None:
-    if case.needs:
-        pytest.importorskip(case.needs)
     shutil.copytree(laid_out, tmp_path / "folder", symlinks=True)
     monkeypatch.chdir(tmp_path / "folder")
     monkeypatch.delenv("DISPLAY", raising=False)
@@ -151,17 +146,11 @@ def test_a_mistake_in_an_argument_names_it_in_one_line(name: str, case: Called) 
 
 
 def test_without_pykeen_the_message_says_how_to_install_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     for name in [name for name in sys.modules if name.startswith("isi.pykeen")]:
         monkeypatch.delitem(sys.modules, name)
     for name in ("pykeen", "pykeen.models"):
         monkeypatch.setitem(sys.modules, name, None)
-    monkeypatch.chdir(tmp_path)
     with pytest.raises(ImportError, match=r"isi-kge\[pykeen\]"):
         __import__("isi.pykeen")
-    (case,) = [case for case in IMPORT_CASES if case.what == "a pickle that is none"]
-    case.before()
-    line, status, _ = line_of("isi", case)
-    assert_names(line, "trained_model.pkl|isi-kge[pykeen]")
-    assert status == 1

@@ -47,9 +47,9 @@ def test_a_mistake_in_a_file_ends_in_one_line_and_nothing_is_written(
     section = {**formats.FORMATS[case.format].section, **case.settings}
     params = parsed(paths.PARAMS)
     if case.format.startswith("words"):
-        command = ["python -m isi", "graph", "log.csv"]
+        command = ["python -m isi", "train", "log.csv", "--vectors", next(iter(case.files))]
+        command += ["--out", "out", "--model", "distmult", "--dimension", "4", "--budget", "0.1"]
         (folder / "log.csv").write_text(LOG, encoding="utf-8")
-        params["words"] = {"source": next(iter(case.files)), "text": "phrase", "sha256": None}
     else:
         command = ["python -m stages.mine", "fuzz"]
         params["sources"]["fuzz"] = section

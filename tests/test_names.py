@@ -1,4 +1,4 @@
-"""One rule for names: what files, bundles and exports accept, and spellings that are one name."""
+"""One rule for names: what files, bundles and homes accept, and spellings that are one name."""
 
 from pathlib import Path
 
@@ -7,7 +7,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import isi
-from isi.__main__ import main
 from isi.errors import InputError
 from isi.graph.vocabulary import Vocabulary
 from isi.live.bundle import read
@@ -45,30 +44,11 @@ def test_joiners_are_part_of_a_name() -> None:
 
 
 @pytest.mark.parametrize("name", VALID)
-def test_what_a_bundle_holds_is_exported_and_read_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    home_of(Path("home"), small(entity_names=[name, *NAMES[1:]]))
-    for form in ("turtle", "graphml", "pykeen-tsv"):
-        main(["export", "--home", "home", "--format", form, "--out", f"out/{form}"])
-    main(["export", "--home", "home", "--format", "turtle", "--out", "home.ttl"])
-    assert name in observe("rdf", Path("home.ttl")).kind_of()
+def test_files_and_homes_hold_the_same_names(tmp_path: Path, name: str) -> None:
+    with isi.open(home_of(tmp_path / "home", small(entity_names=[name, *NAMES[1:]]))) as home:
+        assert home.base.entity_names[0] == name
     table = "head,relation,tail\n" + ",".join(f'"{part}"' for part in (name, "at", "b"))
     assert name in observe("table", written(tmp_path / "a.csv", table)).kind_of()
-
-
-def test_graphml_refuses_what_xml_cannot_hold_and_other_formats_write_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    home_of(Path("home"), small(entity_names=["a\ufffe", *NAMES[1:]]))
-    arguments = ["export", "--home", "home", "--out", "out", "--format"]
-    with pytest.raises(SystemExit):
-        main([*arguments, "graphml"])
-    assert not Path("out").exists()
-    main([*arguments, "turtle"])
-    assert "%EF%BF%BE" in Path("out").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """Values that ``params.yaml`` may have, and the messages for values that are refused."""
 
 import operator
+import re
 from collections.abc import Callable
 from functools import reduce
 from pathlib import Path
@@ -41,8 +42,12 @@ HOUSES: dict[str, object] = {
 def test_the_params_of_the_repository_load_with_the_papers_values() -> None:
     params = load()
     sessions = params.experiments["ai2thor"].sessions
-    assert (sessions.sizes, sessions.seeds, sessions.steps) == ([*range(1, 11), 12, 14], 30, 1)
-    assert params.experiments["transfer"].sessions.sizes == [10]
+    assert (sessions.sizes, sessions.seeds) == ([*range(1, 11), 12, 14], 30)
+    sessions = params.experiments["paper"].sessions
+    assert (sessions.sizes, sessions.seeds, sessions.insert_from) == ([*range(1, 11)], 30, "all")
+    of_paper = params.of("paper")
+    assert (of_paper.training.batch_size, of_paper.negatives.mode) == (1, "sampled")
+    assert (of_paper.finetuning.learning_rate, of_paper.finetuning.max_epochs) == (0.002, 150)
     assert params.initializers["xavier"] == {}
     assert params.initializers["ers"] == {"k": 9, "candidates": 30}
 
@@ -77,21 +82,17 @@ def test_what_params_may_not_say_is_refused_by_its_key(
         {"cross_validation.experiments": [], "cross_validation.dimension": [30]},  # left out
         {"sweep.experiments": [], "sweep.size": 11},  # left out
         {
-            "experiments.ai2thor.full_curves.sizes": [],
-            "experiments.ai2thor.full_curves.initializers": ["xavier"],
+            "experiments.ai2thor.full_curves": [],
+            "experiments.ai2thor.finetuned": {"initializers": "all", "seeds": 31},
         },
+        {"experiments.ai2thor.initializers": ["xavier", "rs"], "experiments.paper.training": None},
         {
-            "experiments.ai2thor.initializers": ["xavier", "rs"],
-            "experiments.ai2thor.sessions.steps": 3,
+            "experiments.paper.sessions.split": None,
+            "experiments.paper.sessions.insert_from": "train",
         },
-        {
-            "experiments.ai2thor.sessions.novel": ["object", "room"],
-            "experiments.ai2thor.graph.extend": None,
-        },
-        {"experiments.transfer.sessions.sizes": [50]},
-        {"experiments.transfer.sessions.steps": 5},
-        {"experiments.published": DROP},
-        {"experiments.transfer": DROP, "affordances.experiments": []},
+        {"experiments.transfer.sessions.sizes": [50], "experiments.transfer.full_curves": [50]},
+        {"experiments.paper": DROP},
+        {"experiments.transfer": DROP, "affordances.experiments": [], "sweep.finetuned_seeds": 0},
         {"sweep.seeds": 30, "trajectory.seed": 29, "cross_validation.ratio": []},
         {
             "words.source": "word2vec-google-news-300",
@@ -149,6 +150,32 @@ def test_settings_of_cross_validation_change_one_factor_of_the_choice_at_a_time(
     moved = changed(tmp_path, {"training.learning_rate": 0.2})
     assert moved.settings[0].learning_rate == 0.2
     assert len(moved.settings) == 12  # 0.2 is listed and 0.1 is not
+
+
+def test_conditions_of_an_experiment_replace_the_general_ones_key_by_key(tmp_path: Path) -> None:
+    own = {"learning_rate": 0.5, "patience": 9}
+    changes = {"experiments.ai2thor.training": own, "experiments.ai2thor.negatives": {"ratio": 2}}
+    params = changed(tmp_path, changes)
+    of = params.of("ai2thor")
+    assert of.training == params.training.model_copy(update=own)
+    assert of.negatives == params.negatives.model_copy(update={"ratio": 2})
+    assert of.finetuning == params.finetuning
+    assert of.train_config().training == of.training
+    assert params.of("transfer") == params
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "says"),
+    [
+        ("paper.training", {"batch_size": 0}, "experiments.paper.training.batch_size: "),
+        ("transfer.finetuning", {"rate": 1}, "experiments.transfer.finetuning.rate: unknown key"),
+    ],
+)
+def test_a_wrong_condition_is_named_where_it_stands(
+    tmp_path: Path, key: str, value: object, says: str
+) -> None:
+    with pytest.raises(InputError, match=f": {re.escape(says)}"):
+        changed(tmp_path, {f"experiments.{key}": value})
 
 
 def test_an_experiment_runs_all_initializers_or_those_that_it_lists_in_the_order_of_params(

@@ -118,7 +118,7 @@ def test_without_words_or_an_initializer_there_is_no_picture(shown: Shown) -> No
 def test_the_payload_gives_the_insert_triples_of_the_run(shown: Shown) -> None:
     points, data = shown.explored.points, shown.data
     rows = points.insert_triples
-    for place, entity in enumerate(points.novel[0, 0]):
+    for place, entity in enumerate(points.novel[0]):
         assert data["given"][str(entity)] == rows[rows[:, 1] == place, 2].tolist()
     assert {*map(int, data["random"])} == {*data["novel"]}
 

@@ -39,7 +39,8 @@ ANALYSES = (
 #: Of both experiments: source, graph, words, sessions, theta0, joint and insertion; then analyses,
 #: sweeps, what the page demonstrates, the tables, the report.
 STAGES = 2 * (6 + len(INITIALIZERS)) + 5 + len(SWEPT) + 3
-SCOPES = {"all", "known", "known_closed", "novel_heldout"}
+SCOPES = {"known", "novel", "weighted", "held_out", "novel_held_out", "known_closed"}
+HALVES = ("", "_entity", "_relation")
 
 
 @pytest.fixture(scope="module")
@@ -55,16 +56,15 @@ def test_runs_have_every_grid_point_epoch_and_scope(folder: Path) -> None:
     for name in INITIALIZERS:
         runs = pd.read_parquet(folder / f"data/runs/ai2thor/{name}.parquet")
         assert len(runs[["size", "seed"]].drop_duplicates()) == 6
-        assert set(runs.loc[runs["epoch"] == 0, "scope"]) == SCOPES | {"novel"}
-        assert set(runs.loc[runs["epoch"] > 0, "scope"]) <= SCOPES
-        curves = runs[(runs["size"] == 2) & (runs["scope"] == "all")]
-        assert (
-            curves.groupby("seed")["epoch"].apply(sorted) == pd.Series([[0, 1, 2, 3]] * 3)
-        ).all()
-        assert runs["mrr_star"].dropna().between(0, 1).all()
-        halves = runs[["mrr_star_entity", "mrr_star_relation"]].mean(axis=1)
-        assert (halves - runs["mrr_star"]).abs().max() < 1e-12
-        assert (runs["mrr_star"].isna() == (runs["queries"] == 0)).all()
+        assert set(runs.loc[runs["epoch"] == 0, "scope"]) == SCOPES
+        curves = runs[(runs["size"] == 2) & (runs["scope"] == "weighted")]
+        epochs = curves.groupby("seed")["epoch"].apply(sorted).tolist()
+        assert epochs == [[0, 1, 2, 3], [0, 1, 2, 3], [0]]  # two seeds are fine-tuned
+        for measure in ("mrr_star", "mrr"):
+            assert runs[measure].dropna().between(0, 1).all()
+            halves = runs[[f"{measure}_entity", f"{measure}_relation"]].mean(axis=1)
+            assert (halves - runs[measure]).abs().max() < 1e-12
+            assert (runs[measure].isna() == (runs["queries"] == 0)).all()
         vectors = load_file(folder / f"data/runs/ai2thor/{name}.safetensors")
         assert {key: tuple(value.shape) for key, value in vectors.items()} == {
             "size=01": (3, 1, 8),
@@ -112,14 +112,15 @@ def test_every_size_of_the_indicator_set_is_swept_with_the_first_seeds(folder: P
         assert runs[["k", "size", "seed"]].drop_duplicates().to_numpy().tolist() == [
             [k, 2, seed] for k in (1, 8) for seed in (0, 1)
         ]
-        assert set(runs["scope"]) == SCOPES | {"novel"}
+        assert set(runs["scope"]) == SCOPES
+        assert set(runs.loc[runs["epoch"] > 0, "seed"]) <= {0}  # one seed is fine-tuned
     swept = pd.read_parquet(folder / "data/analyses/indicator_sweep/ai2thor/es.parquet")
     # of 8 indicators
     main = pd.read_parquet(folder / "data/runs/ai2thor/es.parquet").query("size == 2")
-    same = swept.merge(main, on=["seed", "epoch", "scope"], suffixes=("", " of main")).dropna(
-        subset=["mrr_star"]
-    )
-    equal = (same["mrr_star"] == same["mrr_star of main"]).groupby(same["k"]).all()
+    same = swept.merge(main, on=["seed", "epoch", "scope"], suffixes=("", " of main"))
+    # the weight of a group is that of the seeds that are swept
+    same = same[same["scope"] != "weighted"].dropna(subset=["mrr"])
+    equal = (same["mrr"] == same["mrr of main"]).groupby(same["k"]).all()
     assert equal.to_dict() == {1: False, 8: True}
 
 
@@ -160,8 +161,9 @@ def test_the_entity_of_figure_1_starts_where_the_experiment_inserts_it(folder: P
 def test_the_query_breakdown_sums_to_the_runs(folder: Path) -> None:
     files = sorted((folder / "data/analyses/query_breakdown/ai2thor").glob("*.parquet"))
     assert {file.stem for file in files} == {*INITIALIZERS, "joint"}
-    parts = pd.concat(map(pd.read_parquet, files)).query("filter == 'learned'")
-    sums = combined(parts, ["model", "size", "seed", "scope"])
+    parts = pd.concat(map(pd.read_parquet, files))
+    parts = combined(parts.assign(mrr_star=parts["mrr"]), ["model", "size", "seed", "scope"])
+    sums = parts.rename(columns={f"mrr_star{half}": f"mrr{half}" for half in HALVES})
     for name in (*INITIALIZERS, "joint"):
         runs = pd.read_parquet(folder / f"data/runs/ai2thor/{name}.parquet").query(
             "epoch == 0 and queries > 0"
@@ -169,11 +171,24 @@ def test_the_query_breakdown_sums_to_the_runs(folder: Path) -> None:
         both = runs.merge(
             sums[sums["model"] == name], on=["size", "seed", "scope"], suffixes=("", " of parts")
         )
-        assert len(both) == runs["scope"].isin(["all", "novel", "novel_heldout"]).sum()
-        for half in ("mrr_star", "mrr_star_entity", "mrr_star_relation"):
-            assert (both[half] - both[f"{half} of parts"]).abs().max() < 1e-6
-    used = pd.read_parquet(folder / "data/embeddings/ai2thor/joint.used.parquet")
-    assert used.groupby("part")["of"].unique().str.get(0).to_dict() == {"blocks": 2, "scalars": 4}
+        assert len(both) == runs["scope"].isin(["novel", "held_out"]).sum()
+        for half in HALVES:
+            assert (both[f"mrr{half}"] - both[f"mrr{half} of parts"]).abs().max() < 1e-6
+
+
+def test_changes_of_the_measure_are_measured_with_it_where_params_say(folder: Path) -> None:
+    for name in (*INITIALIZERS, "joint"):
+        changes, moved = (
+            pd.read_parquet(folder / f"data/analyses/measure/{experiment}/{name}.parquet")
+            for experiment in EXPERIMENTS
+        )
+        assert moved.empty
+        runs = pd.read_parquet(folder / f"data/runs/ai2thor/{name}.parquet")
+        both = changes[changes["change"] == "none"].merge(
+            runs, on=["size", "seed", "epoch", "scope"]
+        )
+        assert len(both) == runs["scope"].isin(["known", "novel", "weighted"]).sum()
+        assert (both["value"] - both["mrr"]).abs().max() < 1e-12
 
 
 def test_theta0_knows_all_but_the_novel_entities(folder: Path) -> None:
@@ -198,8 +213,9 @@ def test_the_report_is_whole_and_stands_alone(folder: Path) -> None:
     assert len(differences) == 5 * len(INITIALIZERS) * (len(INITIALIZERS) - 1) / 2
     metrics = json.loads((folder / "reports/metrics.json").read_text(encoding="utf-8"))
     runs = pd.read_parquet(folder / "data/runs/ai2thor/rs.parquet")
-    immediate = runs[(runs["epoch"] == 0) & (runs["scope"] == "novel")]["mrr_star"].mean()
-    assert metrics["immediate_mrr_star"]["novel"]["rs"] == pytest.approx(100 * immediate, abs=6e-3)
+    immediate = runs[(runs["epoch"] == 0) & (runs["scope"] == "novel")]["mrr"].mean()
+    of_novel = metrics["ai2thor"]["immediate_mrr"]["novel"]
+    assert of_novel["rs"] == pytest.approx(100 * immediate, abs=6e-3)
 
 
 def verify(folder: Path) -> subprocess.CompletedProcess[str]:
@@ -240,10 +256,8 @@ def test_verify_finds_altered_numbers(folder: Path, tmp_path: Path) -> None:
     chosen = runs.index[(runs["epoch"] == 0) & (runs["scope"] == "known") & (runs["seed"] == 2)][0]
     runs.loc[chosen, "mrr_star_entity"] += 1e-4
     runs.to_parquet(tmp_path / "data/runs/ai2thor/es.parquet")
-    table = pd.read_csv(tmp_path / "reports/tables/table2_convergence.csv").astype(
-        {"all: mean": float}
-    )
-    table.loc[1, "all: mean"] += 0.1
+    table = pd.read_csv(tmp_path / "reports/tables/table2_convergence.csv").astype({"mean": float})
+    table.loc[1, "mean"] += 0.1
     table.to_csv(tmp_path / "reports/tables/table2_convergence.csv", index=False)
     process = verify(tmp_path)
     assert process.returncode == 1
@@ -256,7 +270,7 @@ def test_verify_finds_altered_numbers(folder: Path, tmp_path: Path) -> None:
     assert process.stdout.count(" here, ") == 3
 
 
-def test_every_number_of_the_paper_has_a_row_beside_ours(folder: Path) -> None:
+def test_every_result_of_the_paper_has_a_row_beside_ours(folder: Path) -> None:
     def leaves(value: Any) -> list[float]:
         return (
             [leaf for part in value.values() for leaf in leaves(part)]
@@ -265,22 +279,20 @@ def test_every_number_of_the_paper_has_a_row_beside_ours(folder: Path) -> None:
         )
 
     paper = yaml.safe_load((folder / "data/raw/paper/values.yaml").read_text(encoding="utf-8"))
-    rows = pd.read_csv(folder / "reports/tables/paper_against_this_run.csv")
+    rows = pd.read_csv(folder / "reports/tables/paper_results.csv")
     shown = rows["paper"].value_counts()
     printed = [
         paper["immediate"]["improvement_over_xavier"],
-        paper["convergence"]["epochs"],
-        paper["transfer"]["all_queries"],
-        paper["transfer"]["novel_queries"],
-        paper["transfer"]["drop"],
+        paper["convergence"],
+        paper["transfer"],
     ]
     results = [leaf for part in printed for leaf in leaves(part)]
     for number, times in pd.Series(results).value_counts().items():
         assert shown.get(number, 0) >= times, number
     runs = pd.read_parquet(folder / "data/runs/transfer/es.parquet")
-    immediate = runs[(runs["epoch"] == 0) & (runs["scope"] == "novel")]["mrr_star"].mean()
-    row = rows[rows["what"] == "ES: immediate MRR*, new entities' queries"].iloc[0]
-    assert (row["paper"], row["this run"]) == (85.7, pytest.approx(100 * immediate, abs=0.01))
+    immediate = runs[(runs["epoch"] == 0) & (runs["scope"] == "novel")]["mrr"].mean()
+    row = rows[(rows["kind"] == "transfer: novel entities") & (rows["whose"] == "ES")].iloc[0]
+    assert (row["paper"], row["today's graph"]) == (85.7, pytest.approx(100 * immediate, abs=0.01))
 
 
 def test_each_repeat_of_the_transfer_has_ai2thors_entities_and_its_ten(folder: Path) -> None:
@@ -338,7 +350,7 @@ def test_params_and_code_are_dependencies_of_the_stages_that_read_them_alone(
         "sweep.initializers.ers.candidates": (20, {"sweep_indicators@ai2thor-ers"}),
         "cross_validation.folds": (2, {"cross_validate@ai2thor"}),
         "trajectory.epochs": (3, {"trace_trajectory@ai2thor"}),
-        "experiments.ai2thor.full_curves.sizes": ([1], {"finetune_only@ai2thor", *insertion}),
+        "experiments.ai2thor.full_curves": ([1], {"finetune_only@ai2thor", *insertion}),
     }
     code: dict[str, set[str]] = {
         "isi/initializers/paper.py": {

@@ -38,12 +38,14 @@ STUDIES = [
         "affordances",
         "explorer",
         "finetune_only",
+        "measure_changes",
     )
 ]
 LEFT_OUT = (
     "experiments.ai2thor",
     "experiments.transfer",
-    "experiments.published",
+    "experiments.paper",
+    "experiments.paper_transfer",
     "sources.ai2thor",
     "sources.mp3d",
     "initializers.iu",
@@ -92,7 +94,7 @@ def test_what_a_user_adds_goes_from_its_files_to_the_report(tmp_path: Path, dvc:
         "count_triples@notebook",
     } <= stages
     runs = pd.read_parquet(tmp_path / "data/runs/notebook/nearest.parquet")
-    assert set(runs["session"]) == {1, 2}
+    assert set(runs["size"]) == {1, 3}
     joint = load_file(tmp_path / "data/embeddings/notebook/joint.safetensors")
     assert joint["relation"].shape[1:] == (2, 16)  # TransH's rows are twice as long
     assert "Nearest" in (tmp_path / "reports/tables/immediate.md").read_text(encoding="utf-8")

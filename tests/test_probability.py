@@ -81,7 +81,7 @@ def cells(draws: HiddenDraws, vectors: np.ndarray) -> Iterator[tuple[int, float,
 
 def test_curves_go_through_the_answers_about_hidden_entities() -> None:
     done = insert()
-    draws = done.details.test.hide(done.details.most_hidden)
+    draws = done.details.test.hide()
     assert draws is not None
     assert draws.context.novel.numel() == done.selection.hidden
     vectors = (
@@ -146,15 +146,15 @@ def test_names_ids_and_tables_of_triples_give_the_same_in_their_order_with_dupli
     assert done.probability([]).shape == (0,)
 
 
-@pytest.mark.parametrize("changed", [{"choose": False}, {"initializer": "map"}, {"budget": 0}])
+@pytest.mark.parametrize("changed", [{"choose": False}, {"initializer": "map"}])
 def test_without_a_choice_the_same_known_entities_are_hidden(changed: dict[str, Any]) -> None:
     INITIALIZERS.register("map", MAP)
     given = changed, {}, {"initializer": "map"}
     done, chosen, named = (insert(trained_with="logistic", **each) for each in given)
     assert done.selection is None
     draws, others = (
-        done.details.test.hide(done.details.most_hidden),
-        chosen.details.test.hide(chosen.details.most_hidden),
+        done.details.test.hide(),
+        chosen.details.test.hide(),
     )
     assert draws is not None
     assert others is not None

@@ -177,7 +177,7 @@ def test_what_is_measured_is_what_pykeen_gets(name: str, factory: Any) -> None:
         rows = read.entity[0, ENTITIES:].numpy()
         np.testing.assert_allclose(rows, done.entities[ENTITIES:], rtol=1e-5, atol=1e-6)
         larger.post_parameter_update()
-    draws = done.details.test.hide(done.details.most_hidden)
+    draws = done.details.test.hide()
     assert draws is not None
     hidden = draws.insert(done.details.method.initializer, done.details.options)
     assert hidden is not None
@@ -645,7 +645,7 @@ def test_probabilities_with_inverses_are_fitted_to_entities_inserted_as_the_new_
     model = model_of("distmult", inverse)
     how = {"initializer": "map", "options": {"strength": 0.2}}
     done = isi.pykeen.insert(model, inverse, NEW, **how).rows
-    draws = done.details.test.hide(done.details.most_hidden)
+    draws = done.details.test.hide()
     assert draws is not None
     plain = INITIALIZERS.get("map")
     both_ways = Method(unpack_first(plain, done.details.model), done.details.options, why="")

@@ -111,7 +111,7 @@ def test_a_model_without_inverse_explains_without_relational_scores() -> None:
     known = ring()
     live = isi.from_pykeen(model_of("tucker", known), known)
     live.insert("cup", FACTS)
-    indicators = live.explain("cup", top=2).indicators
+    indicators = live.explain("cup").indicators
     assert indicators
     assert {each.relations for each in indicators} == {None}
     assert live.report("cup", top=2).entity == "cup"
@@ -119,9 +119,7 @@ def test_a_model_without_inverse_explains_without_relational_scores() -> None:
 
 @pytest.mark.parametrize("inverse", [False, True], ids=["", "inverse"])
 @pytest.mark.parametrize("name", ["transe", "complex", "rescal"])
-def test_a_model_of_pykeen_comes_back_after_any_change_and_from_a_copy(
-    name: str, inverse: bool
-) -> None:
+def test_a_model_of_pykeen_comes_back_after_any_change(name: str, inverse: bool) -> None:
     known = ring(inverse)
     model = model_of(name, known)
     live = isi.from_pykeen(model, known)
@@ -140,13 +138,12 @@ def test_a_model_of_pykeen_comes_back_after_any_change_and_from_a_copy(
     for verb, given, facts, entities in changes:
         getattr(live, verb)(*given)
         assert live.model is live.model
-        for each in (live, deepcopy(live)):
-            assert {tuple(fact) for fact in each.factory.triples} == facts  # type: ignore[attr-defined]
-            assert each.factory.create_inverse_triples == inverse  # type: ignore[attr-defined]
-            labels = each.factory.entity_to_id  # type: ignore[attr-defined]
-            assert [name for name in labels if labels[name] >= ENTITIES] == entities
-            rows = isi.pykeen.read_model(each.model, each.factory.mapped_triples, 0.0).entity[0]
-            np.testing.assert_allclose(rows, each.now.entities, rtol=1e-5, atol=1e-6)
+        assert {tuple(fact) for fact in live.factory.triples} == facts  # type: ignore[attr-defined]
+        assert live.factory.create_inverse_triples == inverse
+        labels = live.factory.entity_to_id  # type: ignore[attr-defined]
+        assert [name for name in labels if labels[name] >= ENTITIES] == entities
+        rows = isi.pykeen.read_model(live.model, live.factory.mapped_triples, 0.0).entity[0]
+        np.testing.assert_allclose(rows, live.now.entities, rtol=1e-5, atol=1e-6)
     again, more = isi.pykeen.insert(live.model, live.factory, [("pan", "r0", "mug")])
     assert (again.num_entities, more.num_entities) == (ENTITIES + 3, ENTITIES + 3)
     assert model.num_entities == ENTITIES

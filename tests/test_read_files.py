@@ -2,7 +2,6 @@
 every form of table in which other programs write them.
 """
 
-import csv
 import gzip
 import json
 from collections import Counter
@@ -148,7 +147,7 @@ def write_csv(rows: Rows, folder: Path) -> dict[str, object]:
 
 def write_tsv(rows: Rows, folder: Path) -> dict[str, object]:
     frame = pd.DataFrame(rows, columns=TRIPLE)
-    frame.to_csv(folder / "any.tsv", index=False, sep="\t", quoting=csv.QUOTE_NONE)
+    frame.to_csv(folder / "any.tsv", index=False, sep="\t")
     return {"reader": "table", "path": str(folder / "any.tsv")}
 
 

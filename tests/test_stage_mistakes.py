@@ -15,7 +15,8 @@ import torch
 
 from isi.analyses.variants import VARIANT_RUNS
 from isi.errors import LONGEST, InputError, short, suggestion
-from isi.experiment.store import INITIAL_VECTORS, INSERTED, RUNS, THETA0, TIES
+from isi.experiment.breakdown import QUERY_BREAKDOWN
+from isi.experiment.store import INITIAL_VECTORS, MEASURE_CHANGES, RUNS, THETA0
 from isi.graph.graph import ENTITIES, TRIPLES
 from isi.graph.sessions import INSERT_TRIPLES, NOVEL, SPLITS
 from isi.graph.words import WORD_VECTORS
@@ -154,17 +155,15 @@ def test_an_initializer_that_the_experiment_does_not_list_leaves_tables_without_
 ) -> None:
     set_params(workspace, {"experiments.ai2thor.initializers": ["rs", "xavier"]})
     graph(workspace, "ai2thor")
-    row = pd.DataFrame(
-        {"size": [1], "seed": [0], "entity": [1], "triple": [0], "session": [1], "split": ["train"]}
-    )
+    row = pd.DataFrame({"size": [1], "seed": [0], "entity": [1], "triple": [0], "split": ["train"]})
     for table in (SPLITS, NOVEL, INSERT_TRIPLES):
         write(workspace, table.path(experiment="ai2thor"), row, table)
     write(workspace, RUNS.path(experiment="ai2thor", model="joint"), concat([], RUNS), RUNS)
     with chdir(workspace):
         WORD_VECTORS.write({"vectors": torch.ones(2, 3)}, "embed_words", experiment="ai2thor")
         stage_run.run("insert ai2thor es")
-    for table in (RUNS, TIES, INSERTED):
-        path = table.path(experiment="ai2thor", model="es", initializer="es")
+    for table in (RUNS, MEASURE_CHANGES, QUERY_BREAKDOWN):
+        path = table.path(experiment="ai2thor", model="es")
         assert table.read_file(workspace / path).empty
     assert (
         io.read_tensors(
@@ -205,7 +204,7 @@ def test_the_stage_that_makes_a_missing_file_is_found(monkeypatch: pytest.Monkey
         (THETA0.path(experiment="transfer", size=5), "train_theta0@transfer"),
         (INITIAL_VECTORS.path(experiment="transfer", initializer="es"), "insert@transfer-es"),
         (
-            INSERTED.path(experiment="transfer", initializer="es_permuted"),
+            QUERY_BREAKDOWN.path(experiment="transfer", model="es_permuted"),
             "insert@transfer-es_permuted",
         ),
         (VARIANT_RUNS.path(variant="insert_triples_0"), "beyond/dvc.yaml:vary@insert_triples_0"),

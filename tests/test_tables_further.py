@@ -7,7 +7,6 @@ from typing import Any
 
 import pandas as pd
 import pytest
-import yaml
 
 from isi.report.tables.data import Experiment, Models
 from isi.report.tables.estimates import ENDS
@@ -16,7 +15,6 @@ from isi.report.tables.registry import frames_of
 
 ROOT = Path(__file__).parent.parent
 TABLES = ROOT / "reports/beyond/tables"
-PAPER = yaml.safe_load((ROOT / "data/raw/paper/values.yaml").read_text("utf-8"))
 LABELS = {
     "xavier": "Xavier",
     "mean": "Mean",
@@ -124,7 +122,7 @@ def experiment(name: str, now: Values, size: int = 5) -> Experiment:
 
 def tables_of(*variants: VariantRuns, **fields: Any) -> dict[str, pd.DataFrame]:
     made = {"experiments": [experiment("home", GIVEN)], "graphs": []} | fields
-    return frames_of("beyond", Further(PAPER, variants=list(variants), **made))
+    return frames_of("beyond", Further(variants=list(variants), **made))
 
 
 def header(name: str) -> list[str]:

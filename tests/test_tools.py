@@ -11,10 +11,8 @@ import pytest
 import torch
 import yaml
 
-from isi.benchmark.study import Hidden
-from isi.config import check
 from isi.errors import InputError
-from isi.evaluation.query_sets import novel_query_set
+from isi.evaluation.query_sets import query_sets
 from isi.evaluation.ranking import evaluate
 from isi.experiment.grid import GridPoints
 from isi.graph.sessions import OUT, TEST, TRAIN, VALID
@@ -22,7 +20,6 @@ from isi.graph.words import read_vectors
 from isi.params import load
 from isi.sources.triples import shipped_names
 from isi.tables import paths
-from tests.beyond_entries import HIDDEN
 from tests.small_graphs import points_of, random_embedding, random_graph
 from tools import headline, repro, workspace
 from tools.choose_initializers import about, hide, settings_of
@@ -36,7 +33,7 @@ ROOT = Path(__file__).parent.parent
     [
         [],
         ["initializers.gaussian", "initializers.mean"],
-        ["experiments.published", "sources.published"],
+        ["experiments.transfer", "sources.mp3d"],
     ],
     ids=["nothing", "initializers", "an experiment"],
 )
@@ -45,12 +42,13 @@ def test_the_quick_grid_fits_params_from_which_something_was_left_out(
 ) -> None:
     params = yaml.safe_load((ROOT / "params.yaml").read_text(encoding="utf-8"))
     workspace.change_all(params, dict.fromkeys(gone, workspace.DROP))
+    dropped = {key.partition(".")[2] for key in gone}
     workspace.change_all(params, workspace.QUICK)
     (tmp_path / "params.yaml").write_text(yaml.safe_dump(params), encoding="utf-8")
     quick = load(tmp_path / "params.yaml")
     assert quick.experiments["ai2thor"].sessions.seeds == 4
     assert set(quick.plots.initializers) <= set(quick.initializers)
-    assert "published" not in quick.experiments
+    assert set(quick.experiments) == {"paper", "ai2thor", "transfer"} - dropped
 
 
 @pytest.mark.parametrize(
@@ -61,7 +59,7 @@ def test_the_quick_grid_fits_params_from_which_something_was_left_out(
         ({"seed.k": 4}, "seed"),
         ({"experiments.transfr": workspace.DROP}, "'experiments.transfer'"),
         ({"experiments.transfer.sessions.seed": workspace.DROP}, "seeds"),
-        ({"experiments.published.sessions.seeds": 4}, "published"),  # a quick run drops it
+        ({"experiments.paper_transfer.sessions.seeds": 4}, "paper_transfer"),  # not in a quick run
     ],
 )
 def test_a_misspelt_key_of_a_workspace_is_refused_and_nothing_is_written(
@@ -162,7 +160,7 @@ def test_progress_counts_the_stages_that_targets_name() -> None:
 @pytest.mark.parametrize(
     ("line", "stage", "runs"),
     [
-        ("Running stage 'train_joint@published':", "train_joint@published", True),
+        ("Running stage 'train_joint@paper':", "train_joint@paper", True),
         ("Running stage 'beyond/dvc.yaml:vary@insert_triples_0':", "vary@insert_triples_0", True),
         ("Stage 'mine@ai2thor' didn't change, skipping", "mine@ai2thor", False),
         (
@@ -249,7 +247,7 @@ def test_known_entities_are_hidden_and_neither_novel_ones_nor_test_triples_have_
     points, pseudo = hidden()
     for model in range(3):
         known = points.session(0).trained()[model].nonzero().flatten().tolist()
-        assert set(pseudo.novel[model, 0].tolist()) <= set(known)
+        assert set(pseudo.novel[model].tolist()) <= set(known)
         touched = np.isin(points.graph.triples[:, [0, 2]], points.novel[model]).any(1)
         assert (pseudo.splits[model][touched] == OUT).all()
     assert (pseudo.splits[points.splits == TEST] == OUT).all()
@@ -262,20 +260,19 @@ def test_known_entities_are_hidden_and_neither_novel_ones_nor_test_triples_have_
 
 def test_half_of_the_training_triples_of_hidden_entities_are_insert_triples() -> None:
     _, pseudo = hidden()
-    for session, model, place, triple in pseudo.insert_triples.tolist():
+    for model, place, triple in pseudo.insert_triples.tolist():
         head, _, tail = pseudo.graph.triples[triple].tolist()
-        assert session == 1
         assert pseudo.splits[model, triple] == TRAIN
-        assert pseudo.novel[model, 0, place] in (head, tail)
+        assert pseudo.novel[model, place] in (head, tail)
     number, ends = (
-        pd.DataFrame(pseudo.insert_triples).groupby([1, 2]).size(),
+        pd.DataFrame(pseudo.insert_triples).groupby([0, 1]).size(),
         pseudo.graph.triples[:, [0, 2]].numpy(),
     )
     for (model, place), count in number.items():  # type: ignore[misc]
-        of_entity = (ends == pseudo.novel[model, 0, place]).any(1)
+        of_entity = (ends == pseudo.novel[model, place]).any(1)
         usable = (
             of_entity
-            & (np.isin(ends, pseudo.novel[model, 0]).sum(1) == 1)
+            & (np.isin(ends, pseudo.novel[model]).sum(1) == 1)
             & (pseudo.splits[model] == TRAIN)
         )
         assert count == max(1, usable.sum() // 2)
@@ -283,7 +280,7 @@ def test_half_of_the_training_triples_of_hidden_entities_are_insert_triples() ->
 
 def test_half_of_the_queries_for_entities_are_about_the_novel_one() -> None:
     _, pseudo = hidden()
-    queries = novel_query_set(pseudo.session(1), pseudo.novel_ids, pseudo.insert_mask)["novel"]
+    queries = query_sets(pseudo.session(1), pseudo.novel_ids, pseudo.insert_mask)["novel"]
     with_novel = about(queries, pseudo.novel_ids)
     theta = random_embedding(3, ENTITIES, RELATIONS, 8)
     measured = evaluate(theta, {"about": with_novel})["about"].measures[:, 1]
@@ -291,7 +288,7 @@ def test_half_of_the_queries_for_entities_are_about_the_novel_one() -> None:
     assert rows is not None
     torch.testing.assert_close(rows.entity_weight.sum(1), torch.ones(3))
     for model in range(3):
-        novel = set(pseudo.novel[model, 0].tolist())
+        novel = set(pseudo.novel[model].tolist())
         heads, _, tails = (ids[model].tolist() for ids in rows.ids)
         for place, (head, tail) in enumerate(zip(heads, tails, strict=True)):
             weights = rows.entity_weight[model, [place, place + len(heads)]]
@@ -317,178 +314,3 @@ def test_options_in_params_are_compared_first_and_once() -> None:
     assert settings[:2] == [("mean", {}), ("soft_rs", {"temperature": 0.05})]
     compared = [options["temperature"] for _, options in settings[1:]]
     assert compared == [0.05, 0.01, 0.02, 0.03, 0.07, 0.1, 0.2]
-
-
-def hidden_results() -> pd.DataFrame:
-    """Three seeds. Known ends, default - retrained: .1, .2 and .3. Earlier triples lose .1 with one
-    fact, and .05 with all; estimated are .02 and .04. The mean initializer is .03 above.
-    """
-    rows = [("nothing", None, seed, "earlier", 0.5, None) for seed in range(3)]
-    for seed, (default, again) in enumerate(((0.4, 0.3), (0.6, 0.4), (0.8, 0.5))):
-        for told, after, estimate in ((1, 0.4, 0.02), (None, 0.45, 0.04)):
-            rows += [
-                ("insert", told, seed, "known", default, None),
-                ("insert", told, seed, "hidden", 0.2, None),
-                ("insert", told, seed, "earlier", after, estimate),
-                ("mean", told, seed, "known", default + 0.03, None),
-                ("mean", told, seed, "hidden", 0.1, None),
-                ("mean", told, seed, "earlier", 0.5, None),
-            ]
-        rows += [
-            ("retrained", None, seed, "known", again, None),
-            ("retrained", None, seed, "hidden", 0.3, None),
-            ("retrained", None, seed, "earlier", 0.5, None),
-        ]
-    columns = ["method", "told", "seed", "asked", "mrr", "estimated_loss"]
-    return pd.DataFrame(rows, columns=columns).astype({"told": "Int64"})
-
-
-#: Means over seeds that meet all bars.
-MET = {
-    "study": "a graph",
-    "facts": "all",
-    "known_ends": 0.5,
-    "best": 0.51,
-    "best_named": "map",
-    "best_loss": 0.05,
-    "retrained": 0.5,
-    "loss": 0.01,
-    "estimated": 0.012,
-}
-
-
-def means_with(*changes: dict[str, Any]) -> pd.DataFrame:
-    return pd.DataFrame([MET | change for change in changes], columns=list(MET))
-
-
-@pytest.mark.usefixtures("pykeen")
-def test_the_comparison_of_hidden_entities_by_hand() -> None:
-    """Mean .2, half width 4.303 · .1 / √3 = .248, so not significant."""
-    from tools.hidden import by_seed, compared, interval, loss, means_of, summary
-
-    results = hidden_results()
-    mrr = by_seed(results)
-    mean, half = interval(mrr.loc["insert"]["all", "known"] - mrr.loc["retrained"]["all", "known"])
-    assert (mean, half) == pytest.approx((0.2, 0.2484), abs=1e-4)
-    assert loss(mrr, "insert", "1").tolist() == pytest.approx([0.1] * 3)
-    settings = check(HIDDEN | {"max_insert_triples": [1, None]}, Hidden, "hidden.ring")
-    means = means_of(mrr, results, settings)
-    table = compared(mrr, means)
-    assert table["loss: estimated"].tolist() == ["0.020", "0.040"]
-    assert table["best named"].tolist() == ["0.630 (mean)"] * 2
-    assert table["misses"].tolist() == [
-        "loss +0.070; estimate -0.080; known ends -0.030",
-        "loss +0.030; known ends -0.030",
-    ]
-    assert table["default minus retrained"].tolist() == ["", "0.200 ± 0.248"]
-    both = pd.concat([means.assign(study=name) for name in ("one", "another")], ignore_index=True)
-    text = summary({"one": mrr, "another": mrr}, both)
-    assert "in 0 of 2 studies" in text
-    assert "in 4 of 4 rows, at most by 0.070 (one, facts: 1)" in text
-    assert "in 2 of 4 rows, at most by 0.080 (one, facts: 1)" in text
-    assert text.endswith("after training from scratch in 0 of 2 rows.")
-
-
-@pytest.mark.usefixtures("pykeen")
-def test_a_single_seed_without_retraining_has_numbers_and_no_interval() -> None:
-    from tools.hidden import by_seed, compared, means_of, summary
-
-    results = hidden_results()
-    results = results[(results["seed"] == 0) & (results["method"] != "retrained")]
-    mrr = by_seed(results)
-    settings = check(HIDDEN | {"max_insert_triples": [None]}, Hidden, "hidden.ring")
-    means = means_of(mrr, results, settings)
-    (row,) = compared(mrr, means).to_dict("records")
-    assert (row["known ends: default"], row["retrained"]) == ("0.400", "")
-    assert "in 0 of 0 studies" in summary({"one": mrr}, means.assign(study="one"))
-
-
-def studies_by_hand(*differences: tuple[float, float]) -> dict[str, pd.DataFrame]:
-    """Studies of three seeds by the mean and the standard error of the default minus retraining."""
-    studies = {}
-    for number, (mean, error) in enumerate(differences):
-        spread = error * 3**0.5
-        values = [0.5 + mean - spread, 0.5 + mean, 0.5 + mean + spread]
-        index = pd.MultiIndex.from_product([["insert", "retrained"], range(3)])
-        mrr = pd.DataFrame({("all", "known"): [*values, 0.5, 0.5, 0.5]}, index)
-        studies[f"study {number}"] = mrr.rename_axis(["method", "seed"])
-    return studies
-
-
-@pytest.mark.usefixtures("pykeen")
-def test_significance_against_retraining_is_corrected_over_studies() -> None:
-    """t = 20, -25 and 3.5; p with two degrees of freedom: 1 - t / √(2 + t²). A study with one seed
-    is not tested. For t = 5, p is .038 alone, and .075 as the smallest of two.
-    """
-    from tools.hidden import against_retraining, counts
-
-    studies = studies_by_hand((0.2, 0.01), (-0.25, 0.01), (0.035, 0.01))
-    with_one_seed = studies["study 0"].query("seed == 0")
-    table = against_retraining(studies | {"study 3": with_one_seed})
-    p = [1 - t / (2 + t * t) ** 0.5 for t in (20, 25, 3.5)]
-    assert table.index.tolist() == ["study 0", "study 1", "study 2"]
-    assert table["difference"].tolist() == pytest.approx([0.2, -0.25, 0.035])
-    assert table["p"].tolist() == pytest.approx(p)
-    assert table["corrected"].tolist() == pytest.approx([2 * p[0], 3 * p[1], p[2]])
-
-    def counted(*differences: tuple[float, float]) -> list[list[int]]:
-        rows = counts(studies_by_hand(*differences), means_with())
-        return rows.loc[["above retraining", "below retraining"]].to_numpy().tolist()
-
-    assert counted((0.2, 0.01), (-0.25, 0.01), (0.035, 0.01)) == [[1, 3], [1, 3]]
-    assert counted((0.05, 0.01)) == [[1, 1], [0, 1]]
-    assert counted((0.05, 0.01), (0.0, 0.06)) == [[0, 2], [0, 2]]
-
-
-@pytest.mark.usefixtures("pykeen")
-def test_misses_of_the_default_by_hand() -> None:
-    from tools.hidden import counts, harmful, misses
-
-    nan = float("nan")
-    rows: list[tuple[dict[str, Any], dict[str, float]]] = [
-        ({}, {}),
-        ({"loss": 0.025, "estimated": 0.02}, {"loss": 0.005}),
-        ({"facts": "3", "loss": 0.025, "estimated": 0.02}, {}),
-        ({"loss": 0.012, "estimated": 0.02}, {"estimate": 0.008}),
-        ({"loss": 0.02, "estimated": 0.01}, {"estimate": -0.01}),
-        ({"loss": -0.01, "estimated": 0.006}, {"estimate": 0.016}),
-        ({"loss": 0.005, "estimated": 0.0}, {}),
-        ({"loss": 0.01, "estimated": nan}, {}),
-        ({"best": 0.53}, {"known ends": -0.03}),
-        ({"best": 0.53, "best_loss": 0.02}, {"known ends": -0.03}),
-        ({"best": 0.53, "loss": 0.03, "estimated": 0.03}, {"known ends": -0.03, "loss": 0.01}),
-        ({"retrained": 0.501}, {"retraining": -0.001}),
-        ({"retrained": nan}, {}),
-    ]
-    means = means_with(*(changes for changes, _ in rows))
-    expected = pd.DataFrame([missed for _, missed in rows])
-    pd.testing.assert_frame_equal(misses(means), expected, check_like=True)
-    assert harmful(means) == 2
-    counted = counts({}, means)
-    assert counted.loc["near the best named"].tolist() == [10, 13]
-    assert counted.loc["within the bar of the loss"].tolist() == [11, 13]
-    assert counted.loc["both"].tolist() == [9, 13]
-
-
-@pytest.fixture
-def pykeen() -> None:
-    pytest.importorskip("pykeen")
-
-
-def test_intervals_of_semi_inductive_answers_are_over_hidden_entities() -> None:
-    """Reciprocal ranks 1 and ½ of one entity, ½ of another: mean ⅔. Errors of the sums, 1.5 - 2·⅔
-    and .5 - ⅔, are ± 1/6: standard error √(2·(1/6)²·2) / 3 = 1/9, times t = 12.706.
-    """
-    from tools.semi_inductive import measured
-
-    about = {"graph": "ring", "facts": 1, "initializer": "map"}
-    rows = pd.DataFrame(
-        [about | {"seed": seed, "hidden": 1, "loss of trained MRR": 0.1 * seed} for seed in (0, 1)]
-    )
-    entities = ["0 cup", "0 cup", "1 cup"]
-    ranks = pd.DataFrame([about | {"entity": entity} for entity in entities])
-    (row,) = measured(rows, ranks.assign(rank=[1, 2, 2])).to_dict("records")
-    assert row["MRR of known ends"] == pytest.approx(2 / 3)
-    assert row["MRR of known ends ±"] == pytest.approx(12.7062 / 9, abs=1e-4)
-    assert (row["hits@10"], row["hits@10 ±"]) == (1.0, 0.0)
-    assert row["loss of trained MRR"] == pytest.approx(0.05)

@@ -12,7 +12,7 @@ from torch.nn.functional import logsigmoid
 from isi.evaluation.query_sets import GROUPS, query_sets, validation
 from isi.evaluation.ranking import evaluate
 from isi.experiment.grid import GridPoints
-from isi.graph.sessions import OUT, TRAIN, membership, session_of
+from isi.graph.sessions import OUT, TRAIN, session_of
 from isi.models.model import make_model
 from isi.models.stack import Embedding, select, uniform
 from isi.training.batches import DenseBatch, ListBatch, Negatives, batches, training_data
@@ -248,32 +248,6 @@ def test_training_gives_each_model_as_it_was_when_it_left() -> None:
         assert same(select(left, torch.tensor([model])), state.embedding)
 
 
-def test_new_rows_move_alone_at_first_and_everything_after_that() -> None:
-    points = small_points()
-    novel = points.novel_ids
-    data = training_data(points.session(1), "test", points.keys(), novel)
-    state = start(uniform(points.session(1).entities, 3, ANALOGY, 12, 0.5, 0, points.keys()))
-    settings = TUNING.model_copy(update={"new_rows_first": 2})
-    is_new = membership(novel, 13)
-    for epoch in (1, 2):
-        before = [table.clone() for table in (*tables(state.embedding), *tables(state.squares))]
-        run_epoch(state, data, EXPECTED, settings, 0, epoch)
-        for table, old in zip(
-            (*tables(state.embedding), *tables(state.squares)), before, strict=True
-        ):
-            if table.shape[1] == 13:
-                assert torch.equal(table[~is_new], old[~is_new])
-                assert (table[is_new] != old[is_new]).all()
-            else:
-                assert torch.equal(table, old)
-    before = [table.clone() for table in tables(state.embedding)]
-    run_epoch(state, data, EXPECTED, settings, 0, 3)
-    assert all(
-        (table != old).any(-1).all()
-        for table, old in zip(tables(state.embedding), before, strict=True)
-    )
-
-
 def tables(embedding: Embedding) -> tuple[Tensor, Tensor]:
     return embedding.entity, embedding.relation
 
@@ -323,21 +297,6 @@ def test_updates_by_one_observation_decay_by_the_dimension_and_on_touched_rows_a
         torch.testing.assert_close(
             squares[touched].sqrt(), 1e6 * old[touched].abs(), rtol=1e-2, atol=1e3
         )
-
-
-def test_new_rows_move_alone_at_first_by_single_observations_too() -> None:
-    points = small_points([0])
-    novel = points.novel_ids
-    data = training_data(points.session(1), "test", points.keys(), novel)
-    session, keys = points.session(1).entities, points.keys()
-    embedding = uniform(session, 3, ANALOGY, 12, 0.5, 0, keys)
-    settings = TUNING.model_copy(update={"new_rows_first": 1, "batch_size": 1})
-    state = start(embedding)
-    run_epoch(state, data, SAMPLED, settings, 0, 1)
-    moved = (state.embedding.entity != embedding.entity).any(-1)
-    assert moved.any()
-    assert not (moved & ~membership(novel, 13)).any()
-    assert torch.equal(state.embedding.relation, embedding.relation)
 
 
 def test_fit_validates_the_last_epoch_too_and_a_plateau_is_no_better() -> None:

@@ -26,17 +26,17 @@ from isi.analyses.variants import (
     run_variant,
     train_models,
 )
-from isi.benchmark.study import study_of
 from isi.errors import InputError
+from isi.evaluation.changes import change_rows
 from isi.experiment.breakdown import break_down
-from isi.experiment.insert import InsertConfig, insert_stack, with_vectors
+from isi.experiment.insert import InsertConfig, insert_stack, joint_targets, with_vectors
 from isi.experiment.train import TrainConfig, evaluate_stack
 from isi.params import load as load_params
 from isi.params import load_beyond
 from isi.tables import paths
 from tests import stage_run
 from tests.beyond_entries import GRAPH as GRAPH_EXPERIMENT
-from tests.beyond_entries import HIDDEN, VARIANT, copy_pipelines, list_entries
+from tests.beyond_entries import VARIANT, copy_pipelines, list_entries
 from tests.small_graphs import points_of
 from tests.small_grid import GRAPH, INITIALIZERS, LEARNING, MARGIN, OPTIMIZER, SAMPLED, SEEDS, WORDS
 from tools.workspace import DROP, change, change_all
@@ -52,16 +52,15 @@ def rows_of(triples: np.ndarray) -> list[tuple[int, ...]]:
 # Fewer insert triples
 
 
-@pytest.mark.parametrize("steps", [1, 2])
-def test_so_many_of_each_entity_are_given_and_the_fewer_are_part_of_the_more(steps: int) -> None:
-    points = points_of(GRAPH, 2, SEEDS, steps=steps)
+def test_so_many_of_each_entity_are_given_and_the_fewer_are_part_of_the_more() -> None:
+    points = points_of(GRAPH, 2, SEEDS)
     given = points.insert_triples
-    number = Counter(row[:3] for row in rows_of(given))
+    number = Counter(row[:2] for row in rows_of(given))
     assert max(number.values()) > 3
     fewer: set[tuple[int, ...]] = set()
     for most in range(6):
         fewer_rows = rows_of(limit_insert_triples(points, most, 0))
-        assert Counter(row[:3] for row in fewer_rows) == Counter(
+        assert Counter(row[:2] for row in fewer_rows) == Counter(
             {slot: min(most, n) for slot, n in number.items()}
         )
         # in their order
@@ -70,18 +69,18 @@ def test_so_many_of_each_entity_are_given_and_the_fewer_are_part_of_the_more(ste
         fewer = set(fewer_rows)
     assert rows_of(limit_insert_triples(points, None, 0)) == rows_of(given)
     assert limit_insert_triples(
-        replace(points, insert_triples=np.empty((0, 4), np.int64)), 3, 0
-    ).shape == (0, 4)
+        replace(points, insert_triples=np.empty((0, 3), np.int64)), 3, 0
+    ).shape == (0, 3)
 
 
 def test_insert_triples_are_drawn_anew_for_each_entity_and_root() -> None:
     points = points_of(GRAPH, 2, SEEDS)
     given = points.insert_triples
     one, other = (rows_of(limit_insert_triples(points, 1, root)) for root in (0, 1))
-    first = {row[:3]: row for row in reversed(rows_of(given))}
+    first = {row[:2]: row for row in reversed(rows_of(given))}
     assert one != other
     # neither always nor never the first
-    assert 0 < sum(row != first[row[:3]] for row in one) < len(one)
+    assert 0 < sum(row != first[row[:2]] for row in one) < len(one)
 
 
 # What params change
@@ -144,7 +143,7 @@ def stored() -> Models:
 
 def task(start: Models | TrainConfig, most: int | None = None) -> VariantTask:
     configs = {
-        name: InsertConfig(name, INITIALIZERS[name], 0, SAMPLED, OPTIMIZER, MARGIN)
+        name: InsertConfig(name, INITIALIZERS[name], 0, SAMPLED, OPTIMIZER, MARGIN, len(SEEDS))
         for name in NAMES
     }
     return points_of(GRAPH, 2, SEEDS), start, WORDS, configs, most
@@ -159,13 +158,9 @@ def test_from_stored_embeddings_the_runs_are_those_of_the_first_pipeline() -> No
     points, *_, configs, _ = variant_task = task((theta0, joint))
     runs, answers = run_variant(*variant_task)
     measured = evaluate_stack(points, joint)
-    joint_runs = measured.set_index(["scope", "seed"])["mrr_star"]
-    target = {
-        (1, scope): joint_runs[scope].loc[SEEDS].to_numpy(copy=True)
-        for scope in ("all", "novel_heldout")
-    }
+    targets = joint_targets(change_rows(measured), points)
     inserted = {
-        name: insert_stack(points, theta0, WORDS, target, config)
+        name: insert_stack(points, theta0, WORDS, targets, config)
         for name, config in configs.items()
     }
     assert set(runs["model"]) == {*NAMES, "joint"}
@@ -189,7 +184,6 @@ def test_queries_are_the_same_whatever_the_number_of_insert_triples() -> None:
         "model",
         "seed",
         "scope",
-        "filter",
         "relation",
         "hidden",
         "novel",
@@ -219,7 +213,6 @@ ENTRIES = yaml.safe_load((ROOT / "tests/mistakes/entries.yaml").read_text(encodi
 VALID = {
     "variants": VARIANT,
     "graphs": GRAPH_EXPERIMENT,
-    "hidden": HIDDEN,
 }
 
 
@@ -235,7 +228,7 @@ def test_what_an_entry_cannot_have_is_refused_in_one_line(
         change(entry, key, value)
     list_entries(**{section: {"own": entry}})
     with pytest.raises(InputError) as refused:
-        study_of({"own": entry}, "own") if section == "hidden" else load_beyond(load_params())
+        load_beyond(load_params())
     assert re.match(
         rf"beyond/params\.yaml: {section}\.own[.:] ?{re.escape(case['says'])}", str(refused.value)
     )
@@ -244,12 +237,12 @@ def test_what_an_entry_cannot_have_is_refused_in_one_line(
 @pytest.mark.usefixtures("workspace")
 def test_params_without_a_part_of_a_variant_are_refused_only_where_variants_run() -> None:
     variant = VARIANT | {
-        "experiments": ["ai2thor", "published"],
+        "experiments": ["ai2thor", "paper"],
         "initializers": ["xavier", "mean"],
     }
     list_entries(variants={"own": variant}, graphs={"other": GRAPH_EXPERIMENT})
     raw = yaml.safe_load(paths.PARAMS.read_text(encoding="utf-8"))
-    for gone in ("experiments.published", "initializers.mean"):
+    for gone in ("experiments.paper", "initializers.mean"):
         fewer = deepcopy(raw)
         change_all(fewer, {gone: DROP})
         paths.PARAMS.write_text(yaml.safe_dump(fewer, sort_keys=False), encoding="utf-8")
@@ -322,21 +315,6 @@ def test_a_variant_runs_with_what_it_changes_and_the_same_for_any_height_of_stac
     pd.testing.assert_frame_equal(same, answers)
 
 
-def test_a_variant_with_full_curves_runs_all_epochs_even_where_it_has_converged(
-    varied: Varied,
-) -> None:
-    changes = {"finetuning.max_epochs": 2, "convergence.margin": 0.99}
-    epochs = [
-        varied(initializers=["es", "soft_es"], changes=changes, full_curves=full, **SOFT_ES)[0]
-        for full in (False, True)
-    ]
-    stopped, whole = (
-        runs.groupby("model", observed=True)["epoch"].max().to_dict() for runs in epochs
-    )
-    assert stopped == {"es": 0, "soft_es": 0, "joint": 0}
-    assert whole == {"es": 2, "soft_es": 2, "joint": 0}
-
-
 def test_a_variant_with_words_of_its_own_looks_them_up(varied: Varied) -> None:
     settings = {"initializers": ["es"], "options": {"es": {"k": 3}}, "finetuned": False}
     stored, definitions, phrases = (
@@ -354,4 +332,4 @@ def test_a_variant_that_trains_reads_no_embedding(varied: Varied, experiment: Pa
         runs, _ = varied(initializers=["xavier", "es"], finetuned=False, changes=changes)
     finally:
         away.rename(embeddings)
-    assert len(runs) == 3 * 2 * 5  # models, seeds, scopes
+    assert len(runs) == 3 * 2 * 6  # models, seeds, scopes

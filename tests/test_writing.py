@@ -14,12 +14,10 @@ from pathlib import Path
 
 import pytest
 
-from isi.__main__ import main
 from isi.errors import InputError
 from isi.graph.graph import ENTITIES, TRIPLES
 from isi.tables import io
 from tests.environment import CAN_MOUNT, OWN_MOUNTS
-from tests.mistakes import commands
 from tests.stage_workspace import KINDS, OBSERVED, leave, observed, outputs, workspace, write
 
 __all__ = ["workspace"]  # a fixture
@@ -91,51 +89,6 @@ def test_a_file_that_cannot_be_read_while_writing_is_not_an_output_that_cannot_b
             lambda temporary: temporary.write_bytes((tmp_path / "in").read_bytes()),
         )
     assert list(tmp_path.iterdir()) == []
-
-
-# Outputs that a user names
-
-
-@pytest.fixture
-def own_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A user's folder, which is the current one."""
-    monkeypatch.chdir(tmp_path)
-    commands.own_files()
-    return tmp_path
-
-
-EXPORT = ["export", "--home", "home", "--format"]
-
-
-def test_what_is_replaced_keeps_its_mode_and_a_link_stays_a_link(own_files: Path) -> None:
-    target, link = own_files / "notes.ttl", own_files / "link.ttl"
-    target.chmod(0o640)
-    link.symlink_to("notes.ttl")
-    main([*EXPORT, "turtle", "--out", "link.ttl", "--replace"])
-    assert link.is_symlink()
-    assert "urn:isi" in target.read_text(encoding="utf-8")
-    assert target.stat().st_mode & 0o777 == 0o640
-
-
-@pytest.mark.usefixtures("own_files")
-def test_a_pipe_and_an_open_file_are_written_into() -> None:
-    command = [sys.executable, "-m", "isi", *EXPORT, "turtle", "--out"]
-    os.mkfifo("pipe")
-    main([*EXPORT, "pykeen-tsv", "--out", "/dev/null"])
-    assert Path("/dev/null").is_char_device()
-    with subprocess.Popen([*command, "pipe"]) as writer:
-        through_pipe = Path("pipe").read_text(encoding="utf-8")
-    assert writer.returncode == 0
-    assert Path("pipe").is_fifo()
-    through_output = subprocess.run([*command, "/dev/stdout"], capture_output=True, check=True)
-    assert through_output.stdout.decode() == through_pipe
-    script = f"echo before; {shlex.join(command)} /dev/stdout; echo after"
-    with Path("all").open("wb") as file:
-        done = subprocess.run(
-            ["/bin/sh", "-c", script], stdout=file, stderr=subprocess.PIPE, check=True
-        )
-    assert Path("all").read_text(encoding="utf-8") == f"before\n{through_pipe}after\n"
-    assert b"/dev/stdout" in done.stderr
 
 
 def only_line(stderr: str) -> str:

@@ -1,14 +1,16 @@
 """The code and the commands of pages of docs/ run as they stand, and the layouts of the pages of
 docs/you-have/ score as the other libraries do.
 
-LibKGE, OpenKE and AmpliGraph are not installed: the tests write their formats, and have their
-formulas.
+LibKGE, OpenKE, PyTorch-BigGraph, dicee and AmpliGraph are not installed: the tests write their
+formats, and have their formulas.
 """
 
+import json
 import re
 import shlex
 import shutil
 import sys
+from collections import OrderedDict
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
@@ -23,6 +25,7 @@ from torch.nn.functional import normalize
 import isi
 from isi.__main__ import main
 from isi.errors import InputError
+from isi.graph.files import read_graph
 from tests import their_scores
 from tests.documented import DOCS
 from tests.small_bundle import (
@@ -47,6 +50,7 @@ PAGES = [
 ]
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```", re.DOTALL | re.MULTILINE)
 NEEDS = {
+    "biggraph": ["h5py"],
     "insert_reference": ["pykeen"],
     "pykeen": ["pykeen"],
     "rdf": ["pykeen", "rdflib"],
@@ -79,6 +83,35 @@ def write_checkpoints() -> None:
     constants = {"zero_const": torch.zeros(1), "pi_const": torch.tensor([torch.pi])}
     for name in ("distmult", "transe"):
         torch.save(constants | state, f"{name}.ckpt")
+
+
+def write_biggraph() -> None:
+    """A checkpoint of PyTorch-BigGraph, with the names of its preprocessing."""
+    import h5py
+
+    Path("mine").mkdir()
+    Path("mine/entity_names_all_0.json").write_text(json.dumps(NAMES), encoding="utf-8")
+    Path("mine/dynamic_rel_names.json").write_text(json.dumps(BETWEEN), encoding="utf-8")
+    with h5py.File("mine/embeddings_all_0.v3.h5", "w") as file:
+        file.create_dataset("embeddings", data=ENTITIES)
+    with h5py.File("mine/model.v3.h5", "w") as file:
+        for side, sign in (("lhs", 1), ("rhs", -1)):
+            of_side = f"model/relations/0/operator/{side}/diagonals"
+            file.create_dataset(of_side, data=sign * LABELS)
+
+
+def write_dicee() -> None:
+    """The folder of an experiment of dicee."""
+    Path("mine").mkdir()
+    for slot, names in (("entity", NAMES), ("relation", BETWEEN)):
+        rows = [f",{slot}", *(f"{place},{name}" for place, name in enumerate(names)), ""]
+        Path(f"mine/{slot}_to_idx.csv").write_text("\n".join(rows), encoding="utf-8")
+    np.save("mine/train_set.npy", np.array(TRIPLES, np.int8))
+    state = {
+        "entity_embeddings.weight": torch.from_numpy(ENTITIES),
+        "relation_embeddings.weight": torch.from_numpy(LABELS),
+    }
+    torch.save(OrderedDict(state), "mine/model.pt")
 
 
 def write_libkge(relations: np.ndarray = LABELS) -> None:
@@ -134,7 +167,9 @@ def write_home() -> None:
 
 PREPARE: dict[str, Callable[[], None]] = {
     "arrays": write_arrays,
+    "biggraph": write_biggraph,
     "command": write_tables,
+    "dicee": write_dicee,
     "insert": write_pipelines_files,
     "live": write_home,
     "openke": write_checkpoints,
@@ -186,6 +221,8 @@ def test_a_page_runs_as_it_stands(
         (told,) = scope["told"]
         assert told.fact == ("espresso machine", "atLocation", "kitchen")
         assert "espresso machine" in scope["again"].base.entity_names
+        read, _ = read_graph([Path("facts.csv")])
+        assert len(read.triples) == len(scope["facts"]) == len(scope["again"].base.triples)
     elif page.stem == "command":
         assert Path("home").is_dir()
     elif "larger" in scope:
@@ -220,6 +257,13 @@ def test_a_page_runs_as_it_stands(
         assert larger.entity_names[-1] == "espresso machine"
         rows = [larger.names.ids[name] for name in NAMES]
         assert larger.entities[rows].tobytes() == ENTITIES.tobytes()
+        assert larger.relations[:2].tobytes() == LABELS.tobytes()
+        assert larger.relation_names[:2] == BETWEEN
+        if page.stem == "biggraph":
+            assert larger.relation_names[2:] == [f"{name}_inverse" for name in BETWEEN]
+            assert larger.relations[2:].tobytes() == (-LABELS).tobytes()
+        else:
+            assert len(larger.triples) == len(TRIPLES) + 1
 
 
 def test_tables_of_transe_are_normalized_as_openke_does_when_it_scores(
@@ -251,6 +295,7 @@ def test_reciprocal_relations_of_libkge_are_refused(
         (their_scores.complex_of_ampligraph, "complex"),
         (their_scores.hole_of_ampligraph, "complex"),
         (their_scores.transe_of_openke, "transe"),
+        (their_scores.transe_of_dicee, "transe"),
     ],
 )
 def test_tables_score_as_in_the_other_library(theirs: Callable[..., Tensor], model: str) -> None:

@@ -43,9 +43,5 @@ def transe_of_openke(h: Tensor, r: Tensor, t: Tensor) -> Tensor:
     return -torch.norm((h + r) - t, 2, -1)
 
 
-def distmult_of_dicee(h: Tensor, r: Tensor, t: Tensor) -> Tensor:
-    return (h * r * t).sum(-1)
-
-
 def transe_of_dicee(h: Tensor, r: Tensor, t: Tensor) -> Tensor:
-    return 4 - pairwise_distance(h + r, t, p=2)
+    return -pairwise_distance(h + r, t, p=2)

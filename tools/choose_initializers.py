@@ -18,7 +18,7 @@ import torch
 from matplotlib.figure import Figure
 from torch import Tensor
 
-from isi.evaluation.query_sets import novel_query_set
+from isi.evaluation.query_sets import query_sets
 from isi.evaluation.ranking import Queries, evaluate, make_queries, padded_ids
 from isi.experiment.grid import GridPoints
 from isi.experiment.insert import init_context, with_vectors
@@ -63,15 +63,13 @@ def measured(
         points.session(1),
         init_context(points, theta0, words, root),
     )
-    of_novel = novel_query_set(session, novel, points.insert_mask)["novel"]
-    query_sets = {"novel": of_novel, "about": about(of_novel, novel)}, earlier(session, novel)
+    of_novel = query_sets(session, novel, points.insert_mask)["novel"]
+    asked = {"novel": of_novel, "about": about(of_novel, novel)}, earlier(session, novel)
     measures = []
     for name, options in settings:
         vectors = INITIALIZERS.get(name, name).initialize(context, options).vectors
         inserted = with_vectors(theta0, novel, vectors)
-        results = {
-            name: r for queries in query_sets for name, r in evaluate(inserted, queries).items()
-        }
+        results = {name: r for queries in asked for name, r in evaluate(inserted, queries).items()}
         result = {name: r.measures.numpy().T for name, r in results.items()}
         loss = result["known_closed"][0] - result["known"][0]
         measures.append([result["novel"][0], result["about"][1], loss])
@@ -87,7 +85,7 @@ def earlier(session: Session, novel: Tensor) -> dict[str, Queries]:
     queried = valid & ~touches(session.graph, is_novel)
     candidates = {"known": session.entities, "known_closed": session.entities & ~is_novel}
     return {
-        name: make_queries(session, padded_ids(queried), queried, filtered, entities)
+        name: make_queries(session, padded_ids(queried), queried, filtered, filtered, entities)
         for name, entities in candidates.items()
     }
 
@@ -120,16 +118,14 @@ def hide(points: GridPoints, number: int, draw: int, root: int, fraction: float)
         ]
     )
     rows = [
-        (1, model, novel[model].tolist().index(entity), triple)
+        (model, novel[model].tolist().index(entity), triple)
         for model, seed in enumerate(points.seeds)
         for entity, triple in sample_insert_triples(
-            points.graph, splits[model], novel[model][None], 1, root, 1000 * draw + seed, fraction
+            points.graph, splits[model], novel[model], root, 1000 * draw + seed, fraction
         )
     ]
     insert_triples = np.array(rows, dtype=np.int64)
-    return replace(
-        points, size=number, splits=splits, novel=novel[:, None], insert_triples=insert_triples
-    )
+    return replace(points, size=number, splits=splits, novel=novel, insert_triples=insert_triples)
 
 
 def tasks_of(

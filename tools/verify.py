@@ -436,7 +436,8 @@ def check_epochs(experiment: Experiment, params: Values, check: Check) -> None:
     most = {**params["finetuning"], **(settings["finetuning"] or {})}["max_epochs"]
     margin, seeds = params["convergence"]["margin"], settings["finetuned"]["seeds"]
     here = epochs_of(experiment, seeds, margin, most)
-    table2 = pd.read_csv(f"reports/tables/table2_convergence_{experiment.name}.csv")
+    table2 = pd.read_csv("reports/tables/table2_convergence.csv")
+    table2 = table2[table2["graph"] == settings["title"]]
     check.compare(experiment.name, here, table2.set_index(here.index)[EPOCHS])
 
 

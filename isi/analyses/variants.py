@@ -53,7 +53,7 @@ class Variant(Section):
 
     title: str  #: in the report
     #: section of the report
-    group: Literal["baselines", "embeddings", "insert_triples", "words", "causes", "graphs"]
+    group: Literal["baselines", "embeddings", "insert_triples", "words", "graphs"]
     experiments: Annotated[list[Name], Field(min_length=1)]
     initializers: Annotated[list[Name], Field(min_length=1)]
     size: Count  #: |ξ|
@@ -64,8 +64,6 @@ class Variant(Section):
     #: of each novel entity; null: all
     max_insert_triples: Annotated[int, Field(ge=0)] | None = None
     finetuned: bool = True  #: whether to fine-tune; else only measure right after insertion
-    #: whether to fine-tune for all epochs (learning curves); else until convergence
-    full_curves: bool = False
     trained: bool = False  #: whether to train Θ⁰ and the joint model even if no change affects them
 
     def changes_one_of(self, *sections: str) -> bool:
@@ -96,6 +94,7 @@ class GraphExperiment(Section):
             seeds=self.sessions.seeds,
             options={},
             changes=self.changes,
+            finetuned=False,
             trained=True,
         )
 

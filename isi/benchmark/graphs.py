@@ -1,9 +1,8 @@
-"""Graphs to hide entities of: shipped tables, PyKEEN's datasets, triples of a caller."""
+"""Graphs to hide entities of: a shipped table, PyKEEN's datasets, triples of a caller."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -26,7 +25,7 @@ def graph_of(triples: Any) -> Graph:
     """
     with naming_argument("triples"):
         if isinstance(triples, str):
-            return named(triples)[0]
+            return named(triples)
         if hasattr(triples, "mapped_triples"):
             return _of_factory(triples)
         listed = listed_triples(triples)
@@ -51,30 +50,16 @@ def unweighted(entities: Sequence[str], relations: Sequence[str], triples: np.nd
     return Graph(list(entities), list(relations), torch.from_numpy(triples), ones, kinds)
 
 
-def named(name: str) -> tuple[Graph, list[str]]:
-    """A graph that ships with the checkout in the current folder, or a dataset of PyKEEN's; and
-    the words of its entities, for word vectors.
+def named(name: str) -> Graph:
+    """A graph that ships as ``data/raw/<name>/triples.csv`` with the checkout in the current
+    folder, or a dataset of PyKEEN's, all its splits.
     """
-    return of_package(name) if _file_of(name) is None else shipped(name)
+    path = paths.RAW / name / "triples.csv"
+    if name and path.is_file():
+        import pandas as pd
 
-
-def shipped(name: str) -> tuple[Graph, list[str]]:
-    """A graph that ships as a table of triples, and the words of its entities."""
-    path = _file_of(name)
-    if path is None:
-        raise InputError("", "", f"expected the name of a graph in {paths.RAW}, got {name!r}")
-    return _of_csv(path) if path.suffix == ".csv" else _of_parquet(path)
-
-
-def _file_of(name: str) -> Path | None:
-    """The table of triples of a shipped graph; None if there is none."""
-    folder = paths.RAW / name
-    files = [folder / "triples.csv", folder / "triples.parquet"]
-    return next((file for file in files if name and file.is_file()), None)
-
-
-def of_package(name: str) -> tuple[Graph, list[str]]:
-    """A dataset of PyKEEN, all its splits, and the names of its entities."""
+        table = pd.read_csv(path, keep_default_na=False)
+        return each_once(table[list(TRIPLE)].to_numpy(object))
     with extra("pykeen"):
         from pykeen.datasets import dataset_resolver, get_dataset
 
@@ -85,28 +70,7 @@ def of_package(name: str) -> tuple[Graph, list[str]]:
     splits = [factory.mapped_triples for factory in dataset.factory_dict.values()]
     triples = torch.unique(torch.cat(splits), dim=0)
     entities, relations = names_by_id(dataset.entity_to_id), names_by_id(dataset.relation_to_id)
-    return unweighted(entities, relations, triples.numpy()), entities
-
-
-def _of_csv(path: Path) -> tuple[Graph, list[str]]:
-    import pandas as pd
-
-    table = pd.read_csv(path, keep_default_na=False)
-    graph = each_once(table[list(TRIPLE)].to_numpy(object))
-    return graph, graph.entities
-
-
-def _of_parquet(path: Path) -> tuple[Graph, list[str]]:
-    """Triples of row numbers of two tables beside them."""
-    import pandas as pd
-
-    with extra("pipeline"):
-        import pyarrow  # noqa: F401
-
-    entities = pd.read_parquet(path.with_name("entities.parquet"))
-    relations = pd.read_parquet(path.with_name("relations.parquet"))["relation"]
-    ids = pd.read_parquet(path, columns=list(TRIPLE)).to_numpy(np.int64)
-    return unweighted(list(entities["entity"]), list(relations), ids), list(entities["label"])
+    return unweighted(entities, relations, triples.numpy())
 
 
 def _of_factory(factory: Any) -> Graph:

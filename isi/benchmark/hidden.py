@@ -16,7 +16,7 @@ from isi.benchmark.split import SplitIds, split_ids
 from isi.config import Count, Fraction, Seed, check
 from isi.errors import extra
 from isi.evaluation.filtered import end_ranks
-from isi.graph.graph import TAIL, Graph
+from isi.graph.graph import TAIL
 from isi.graph.vocabulary import Vocabulary
 from isi.insertion.arguments import naming_argument, triples_of
 from isi.models.stack import usual_torch
@@ -207,8 +207,8 @@ def hide(
 
     Args:
         triples: labels or ids in any form of ``isi.insert``, each triple once; a triples factory of
-            PyKEEN's; or a name: a folder of ``data/raw`` in the current folder (codex_s, fb15k237,
-            ...), else a dataset of PyKEEN's (umls, ...), with all its splits.
+            PyKEEN's; or a name: a folder of ``data/raw`` in the current folder (codex_s), else a
+            dataset of PyKEEN's (umls, ...), with all its splits.
         fraction: share of the entities that is hidden, at least one; ``number``: how many are,
             instead of a share.
         fewest: minimum number of triples of a hidden entity with a known one, at least 2.
@@ -235,7 +235,7 @@ def hide(
     queries = check(queries, Fraction, "", "argument 'queries'")
     seed = check(seed, Seed, "", "argument 'seed'")
     root = check(root, Seed, "", "argument 'root'")
-    graph = triples if isinstance(triples, Graph) else graph_of(triples)
+    graph = graph_of(triples)
     rng = stream(root, "hidden from another trainer", seed)
     entities = len(graph.entities)
     hidden = max(1, round(fraction * entities)) if number is None else number

@@ -2,7 +2,6 @@
 
 import numpy as np
 import torch
-from torch import Tensor
 
 from isi.errors import InputError
 from isi.graph.graph import HEAD, TAIL, Graph
@@ -14,6 +13,7 @@ from isi.models.stack import uniform
 
 ENTITIES, RELATIONS, TRIPLES, NOVEL, WORDS, KINDS = 40, 3, 150, 3, 6, 4
 WORDLESS = 3  #: A known entity without a word vector.
+OTHERS = np.delete(np.arange(ENTITIES), WORDLESS)  #: Those that may be new.
 DIMENSIONS = range(12, 400, 4)  #: The first that a model can have is used.
 
 
@@ -40,37 +40,22 @@ def sample_graph() -> Graph:
     return Graph(*names, torch.from_numpy(triples), counts, kinds)
 
 
-def novel_of(models: int) -> Tensor:
-    """New entities of each model; ids, (M, n)."""
-    rng = np.random.default_rng(1)
-    others = np.delete(np.arange(ENTITIES), WORDLESS)
-    return torch.from_numpy(np.stack([rng.permutation(others)[:NOVEL] for _ in range(models)]))
-
-
 def sample_context(model: Model, models: int = 3) -> InitContext:
-    """The input of initializers. All new entities have words and insert triples; a known one has
-    no words.
+    """The input of initializers, with new entities of each model. All of these have words and
+    insert triples; a known entity has no words.
     """
-    rng, graph, novel = np.random.default_rng(2), sample_graph(), novel_of(models)
+    rng, graph = np.random.default_rng(2), sample_graph()
+    novel = torch.from_numpy(rng.permuted(np.tile(OTHERS, (models, 1)), axis=1)[:, :NOVEL].copy())
     drawn = rng.choice([TRAIN, VALID, TEST], (models, len(graph.triples)), p=[0.8, 0.1, 0.1])
     splits, known = torch.from_numpy(drawn), torch.ones(models, ENTITIES, dtype=torch.bool)
     known.scatter_(1, novel, False)
+    ends = graph.triples[:, [HEAD, TAIL]]
+    usable = (known[:, ends].sum(-1) == 1) & (splits == TRAIN)
+    is_end = (novel[..., None, None] == ends).any(-1)
     before = Session(graph, known, splits.masked_fill(touches(graph, ~known), OUT))
     keys = torch.arange(2 * models).view(models, 2)
     words = torch.from_numpy(rng.standard_normal((ENTITIES, WORDS))).float()
     words[WORDLESS] = 0
     theta0 = uniform(known, RELATIONS, model, dimension_of(model), 1.0, 0, keys)
-    given = insert_triples(graph, known, splits, novel)
-    return context_in_session(theta0, before, novel, given, words, 0, keys)
-
-
-def insert_triples(graph: Graph, known: Tensor, splits: Tensor, novel: Tensor) -> Tensor:
-    """The training triples of each new entity with a known one: model, place, triple; (I, 3)."""
-    rows = []
-    for model, ids in enumerate(novel.tolist()):
-        head_known, tail_known = (known[model, graph.triples[:, end]] for end in (HEAD, TAIL))
-        usable = (head_known ^ tail_known) & (splits[model] == TRAIN)
-        for place, entity in enumerate(ids):
-            mine = (graph.triples[:, [HEAD, TAIL]] == entity).any(1) & usable
-            rows += [(model, place, triple) for triple in mine.nonzero()[:, 0].tolist()]
-    return torch.tensor(rows)
+    insert_triples = (is_end & usable[:, None]).nonzero()
+    return context_in_session(theta0, before, novel, insert_triples, words, 0, keys)

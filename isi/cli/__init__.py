@@ -39,11 +39,9 @@ COMMANDS = {
         "entity:ask",
         "Rank answers: (HEAD, RELATION, ?), (?, RELATION, TAIL), (HEAD, ?, TAIL).",
     ),
-    "explain": ("entity:explain", "Explain an insertion: repeat it without each of its parts."),
+    "explain": ("entity:explain", "Explain an insertion: its facts, its words, its indicators."),
     "live": ("live:live", "Answer facts and questions in JSON lines, at once."),
     "import": ("import_:import_", "Make a home of an embedding that another tool trained."),
-    "export": ("export:export", "Write a graph and predictions for other tools."),
-    "graph": ("graph:graph", "Build a graph of scenes or triples, and describe it."),
 }
 
 
@@ -107,7 +105,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         tokens = with_standard_input(sys.argv[1:] if argv is None else argv)
         app = App(
             name="isi",
-            help="Insert entities into knowledge-graph embeddings, query them, and build graphs.",
+            help="Insert entities into knowledge-graph embeddings, and query them.",
             help_formatter="plain",
             version_flags=[],
             default_parameter=Parameter(negative=()),
@@ -134,7 +132,7 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 def with_standard_input(tokens: Sequence[str]) -> list[str]:
     """A command line with the path of standard input in place of each file ``-``."""
-    reads_files = bool(tokens) and tokens[0] in ("graph", "train")
+    reads_files = bool(tokens) and tokens[0] == "train"
     return [
         "/dev/stdin" if part == "-" and (reads_files or before == "--from") else part
         for before, part in zip(["", *tokens], tokens, strict=False)

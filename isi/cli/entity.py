@@ -312,15 +312,12 @@ def explain(
     entity: Annotated[str, Parameter(help="an inserted entity")],
     *,
     home: HomeFolder = HOME,
-    top: Top = 5,
     verbose: Verbose = False,
     json: Json = False,
 ) -> None:
-    """Explain an insertion: its indicators, the nearest entities, and the effect of each fact,
-    of the words and of each indicator.
-    """
+    """Explain an insertion: its facts, its words and its indicators."""
     with open_home(home) as live, flags(entity="ENTITY"):
-        explanation = live.explain(entity, top)
+        explanation = live.explain(entity)
     show(asdict(explanation), True) if json else print(
         *why_in_words(explanation, verbose), sep="\n"
     )
@@ -370,19 +367,8 @@ def why_in_words(explanation: Explanation, verbose: bool) -> Iterator[str]:
     kind = explanation.kind or "of no known kind"
     yield f"{explanation.entity}: {kind}, inserted by {explanation.initializer} ({explanation.why})"
     yield "facts: " + ("; ".join(map(" ".join, explanation.facts)) or "none")
+    yield f"word vector: {explanation.words}"
     yield "most like " + _joined([each.entity for each in explanation.indicators[:most]])
-    for piece in [
-        each for each in explanation.without if verbose or each.changes or each.moved is None
-    ][:most]:
-        if piece.moved is None:
-            yield f"without the {piece.left_out} {piece.what}: nothing is left to insert it from"
-            continue
-        yield (
-            f"without the {piece.left_out} {piece.what}: the vector moves by "
-            f"{piece.moved:.0%} of its length"
-        )
-        for query, lost, added in piece.changes[: most and 2]:
-            yield f"  {' '.join(query)}: {_joined(added)} instead of {_joined(lost)}"
     yield from explanation.notes[:most]
 
 

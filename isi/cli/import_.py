@@ -7,11 +7,10 @@ from cyclopts import Parameter
 
 from isi.cli import NewFolder, Settings, flags, settings
 from isi.cli.output import refuse_inputs
-from isi.errors import InputError, at
+from isi.errors import InputError
 from isi.live.bundle import MANIFEST, Bundle, read
-from isi.live.checkpoints import checkpoint_reader
 from isi.live.home import Home, check_free
-from isi.live.importer import PICKLE, of_tables, read_labels, read_tables, tensors_in
+from isi.live.importer import of_tables, read_labels, read_tables
 from isi.live.phrases import with_words
 from isi.models.losses import Loss
 from isi.models.model import MODELS
@@ -22,11 +21,9 @@ def import_(
         Path,
         Parameter(
             help=(
-                "folder of PyKEEN (training_triples), of OpenKE (entity2id.txt, relation2id.txt,"
-                " optional train2id.txt), of PyTorch-BigGraph (checkpoint_version.txt, with the"
-                " names of its preprocessing), of dicee (configuration.json), of the pipeline"
-                " (embedding.json), or with entities.txt,"
-                " relations.txt (one name per line) and optional triples.tsv (names)"
+                "folder with tensors entities and relations, entities.txt, relations.txt (one name"
+                " per line) and optional triples.tsv (names); of PyKEEN (training_triples, and"
+                " state.pt); or of the pipeline (embedding.json)"
             )
         ),
     ],
@@ -35,7 +32,7 @@ def import_(
     model: Annotated[
         str | None,
         Parameter(
-            help="scoring function, unless FOLDER or --trust-pickle determines it",
+            help="scoring function, unless FOLDER is the pipeline's",
         ),
     ] = None,
     set: Annotated[
@@ -59,78 +56,24 @@ def import_(
     vectors: Annotated[
         Path | None, Parameter(help="word2vec or GloVe file, for the word vectors of names")
     ] = None,
-    tensors: Annotated[
-        tuple[Path, ...],
-        Parameter(
-            consume_multiple=True,
-            show_default=False,
-            help=(
-                ".npy, .npz, .safetensors, or a state dict as .pt, .pth or .ckpt; default: "
-                "those in FOLDER"
-            ),
-        ),
-    ] = (),
-    entities: Annotated[
-        str | None,
-        Parameter(help="name of the tensor of entities; default: the one with a row for each"),
-    ] = None,
-    relations: Annotated[
-        str | None,
-        Parameter(help="name of the tensor of relations; default: the one with a row for each"),
-    ] = None,
-    trust_pickle: Annotated[
-        bool,
-        Parameter(
-            help=(
-                f"read PyKEEN's {PICKLE}: whoever wrote a pickle can have it run any program on"
-                " this machine, so use this only for files of your own or of people you trust"
-            )
-        ),
-    ] = False,
 ) -> None:
     """Read an embedding, check it, and make it a home.
     An ``InputError`` names the missing or wrong file or tensor.
     """
-    refuse_inputs([out], [folder, *tensors])
+    refuse_inputs([out], [folder])
     check_free(out)
-    names = {"entities": entities, "relations": relations}
-    chosen = tensors or any(names.values())
-    if trust_pickle and (model or set or chosen or loss):
-        raise InputError(
-            "--trust-pickle",
-            "",
-            "expected no --model, --set, --loss or names of tensors: the pickle determines them",
-        )
     bundle: Bundle
     if (folder / MANIFEST).is_file():
-        if trust_pickle or model or chosen or set or loss:
+        if model or set or loss:
             raise InputError(folder, "", "expected no option but --vectors: it says what it holds")
         bundle = read(folder)
-    elif reader := checkpoint_reader(folder):
-        if trust_pickle or model or chosen:
-            expected = (
-                "expected no --model, --trust-pickle or names of tensors: it says which model it "
-                "holds"
-            )
-            raise InputError(folder, "", expected)
-        with flags(model=folder, model_options="--set"):
-            bundle = reader(folder, settings(set), loss)
-    elif trust_pickle:
-        labels, pickled = read_labels(folder), folder / PICKLE
-        if not pickled.is_file():
-            raise InputError(pickled, "", "no such file: expected PyKEEN's pickle of a model")
-        with at(pickled):
-            from isi.pykeen.pickled import of_pickle  # here, since only pickles need PyKEEN
-        with flags(model=pickled):
-            bundle = of_pickle(pickled, labels)
     else:
         labels = read_labels(folder)
-        files = list(tensors) or tensors_in(folder, labels.form)
         if model not in MODELS.names():
             expected = f"expected a model among {', '.join(MODELS.names())}; got {model}"
             raise InputError("--model", "", expected)
         with flags(model="--model", model_options="--set"):
-            tables = read_tables(files, str(model), labels, names)
+            files, tables = read_tables(folder, str(model))
             bundle = of_tables(labels, str(model), settings(set), tables, files, loss)
     bundle = with_words(bundle, vectors)
     Home.create(bundle, out).close()

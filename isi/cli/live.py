@@ -4,7 +4,7 @@ and answers requests in lines of JSON (``isi.live.stream``).
 
 from contextlib import suppress
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from cyclopts import Parameter
 
@@ -17,10 +17,6 @@ def live(
     socket: Annotated[
         Path | None, Parameter(help="Unix socket to serve, in place of standard input")
     ] = None,
-    durability: Annotated[
-        Literal["full", "normal"],
-        Parameter(help="normal: faster; a loss of power may take the last changes"),
-    ] = "full",
 ) -> None:
     """Answer requests until the input ends, or until SIGTERM or Ctrl-C."""
     import torch
@@ -29,5 +25,5 @@ def live(
     from isi.live.stream import answer_input, prepared_beside, serve
 
     torch.set_num_threads(1)  # so that equal requests have equal answers
-    with open_live(home, durability) as live, prepared_beside(live), suppress(SystemExit):
+    with open_live(home) as live, prepared_beside(live), suppress(SystemExit):
         serve(live, socket) if socket else answer_input(live)

@@ -1,14 +1,20 @@
 """``isi train``: trains a home on your own triples or scenes, or a home again."""
 
+from __future__ import annotations
+
 import shlex
+from collections import Counter
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from isi.cli import FROM_ONE, FROM_ZERO, HOME, NewFolder, Settings, flags, lines, settings
+from isi.cli import FROM_ONE, FROM_ZERO, HOME, NewFolder, Settings, flags, lines, settings, show
 from isi.cli.output import paths_in, refuse_inputs
 from isi.errors import InputError
+
+if TYPE_CHECKING:
+    from isi.graph.graph import GraphTables
 
 
 def train(
@@ -48,8 +54,11 @@ def train(
         str | None, Parameter(help="name of a reader; default: by the suffix")
     ] = None,
     set: Annotated[Settings, Parameter(help="KEY=VALUE: a setting of the reader")] = (),
+    describe: Annotated[
+        bool, Parameter(help="only read the files, and print what their graph has")
+    ] = False,
 ) -> None:
-    """Read files as ``isi graph`` does, train an embedding of their graph, and make it a home.
+    """Read files, train an embedding of their graph, and make it a home.
     FILE may be a home: it is trained again on all that holds.
     """
     import torch
@@ -70,7 +79,7 @@ def train(
     names = flags(**{name: f"--{name.replace('_', '-')}" for name in options})
     again = next((Path(file) for file in files if is_home(Path(file))), None)
     if again is not None:
-        if len(files) > 1 or out or entities or reader or set:
+        if len(files) > 1 or out or entities or reader or set or describe:
             expected = "expected no other FILE and no option of files: a home is trained as it is"
             raise InputError(again, "", expected)
         with open_live(again) as live, names:
@@ -78,26 +87,46 @@ def train(
             live.prepare(progress=True)
         print(f"The home is trained again on all that holds: {again}")
         return
-    if out is None:
+    if out is None and not describe:
         raise InputError("--out", "", "expected a folder for the home")
     of_reader = settings(set)
-    refuse_inputs([out], [*map(path_of, files), *filter(None, [entities]), *paths_in(of_reader)])
-    check_free(out)
+    if out is not None:
+        inputs = [*map(path_of, files), *filter(None, [entities]), *paths_in(of_reader)]
+        refuse_inputs([out], inputs)
+        check_free(out)
     tables, read = read_graph(files, reader, of_reader, seed)
     note = ""
     if entities:
         tables, note = described(tables, entities)
+    warnings = [f"Warning: {entities}: {note}."] if note else []
+    if out is None or describe:
+        print(*lines(read, are_names=True), *warnings, sep="\n")
+        show(counts(tables))
+        return
     with names:
         bundle, summary = train_bundle(tables, **options, seed=seed)  # type: ignore[arg-type]
     bundle = with_words(bundle, vectors)
     with LiveEmbedding(bundle, Home.create(bundle, out)) as live:
         live.prepare(progress=True)
-    print(*lines(read, are_names=True), sep="\n")
-    if note:
-        print(f"Warning: {entities}: {note}.")
-    print(summary)
+    print(*lines(read, are_names=True), *warnings, summary, sep="\n")
     head, relation, tail = map(shlex.quote, bundle.named_triples()[0])
     folder = "" if out == HOME else f" --home {shlex.quote(str(out))}"
     print(f"The home is in {out}. Ask it, or tell it of something new:")
     print(f"  isi ask {head} {relation}{folder}")
     print(f"  isi tell 'NEW NAME' {relation} {tail}{folder}")
+
+
+def counts(tables: GraphTables) -> dict[str, Any]:
+    """What a graph has: entities by kind, and triples and observations by relation."""
+    entities, triples = tables.entities, tables.triples
+    relations = triples.astype({"relation": str}).groupby("relation")["count"].agg(["size", "sum"])
+    return {
+        "entities": len(entities),
+        "unique_triples": len(triples),
+        "observations": int(triples["count"].sum()),
+        "entities_by_kind": dict(Counter(sorted(entities["kind"].astype(str))).most_common()),
+        "relations": [
+            {"relation": relation, "unique_triples": number, "observations": observations}
+            for relation, number, observations in relations.itertuples()
+        ],
+    }

@@ -83,38 +83,20 @@ def run(
     ``TaskError`` or ``InputError`` once one fails.
     """
     results = dict[int, Done]()
-    run_each(function, tasks, compute, name, results.__setitem__)
-    return [results[place] for place in range(len(tasks))]
-
-
-def run_each(
-    function: Callable[[Points, *Arguments], Done],
-    tasks: Sequence[tuple[Points, *Arguments]],
-    compute: Compute,
-    name: str,
-    receive: Callable[[int, Done], object],
-    of: tuple[int, int] | None = None,
-) -> None:
-    """Like ``run``, but each result is passed on as soon as it is there, and not held.
-
-    Args:
-        receive: called with the place of the task and its result.
-        of: for the progress: the number of models that are done before these, and that of all.
-    """
     engine = _dask if compute.engine == "dask" else _processes
-    done, total = of or (0, sum(len(points.seeds) for points, *_ in tasks))
+    total = sum(len(points.seeds) for points, *_ in tasks)
     with engine(compute) as executor:
         futures = {
             executor.submit(run_task, function, task, compute.device): place
             for place, task in enumerate(tasks)
         }
         # it starts a thread: workers come first
-        with tqdm(total=total, initial=done, desc=name, unit="model", disable=None) as bar:
+        with tqdm(total=total, desc=name, unit="model", disable=None) as bar:
             for future in as_completed(list(futures)):
                 place = futures.pop(future)
                 points = tasks[place][0]
                 try:
-                    result = future.result()
+                    results[place] = future.result()
                 except (InputError, CancelledError):  # not a fault in the task's code
                     raise
                 except BrokenExecutor as error:
@@ -133,8 +115,8 @@ def run_each(
                         )
                         raise InputError(paths.PARAMS, "compute.stack", much) from error
                     raise TaskError(f"{points}: {type(error).__name__}: {error}") from error
-                receive(place, result)
                 bar.update(len(points.seeds))
+    return [results[place] for place in range(len(tasks))]
 
 
 def run_task(

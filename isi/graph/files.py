@@ -14,7 +14,7 @@ from isi.graph.graph import GraphTables, MinedSource, build_tables
 from isi.sources import READERS, Source
 from isi.sources.names import ENTITY
 from isi.sources.readers import MOST, json_lines, parse_json, suffix_of
-from isi.sources.triples import ENTITIES_FILE, TRIPLE, TRIPLES_FILE
+from isi.sources.triples import TRIPLE
 from isi.tables import paths
 
 JSON = (".json", ".jsonl")
@@ -67,18 +67,6 @@ def read_graph(
     if tables.triples.empty:
         raise InputError(files[0], "", "expected a triple, got none")
     return tables, read
-
-
-def graph_files(tables: GraphTables) -> dict[str, str]:
-    """The texts of ``triples.csv`` and ``entities.csv``, which the reader ``table`` reads."""
-    frames = {
-        TRIPLES_FILE: tables.triples[[*TRIPLE, COUNT]],
-        ENTITIES_FILE: tables.entities[["entity", "kind", "phrase"]],
-    }
-    files = dict[str, str]()
-    for name, frame in frames.items():
-        files[name] = frame.to_csv(index=False, lineterminator="\n")
-    return files
 
 
 def path_of(file: str | Path) -> Path:

@@ -17,7 +17,7 @@ from isi.initializers.scale import Scale
 from isi.insertion import engine
 from isi.insertion.arguments import Source, TripleForms, naming_argument, options_by_name
 from isi.insertion.engine import Method
-from isi.insertion.hidden import HIDDEN, HoldOut
+from isi.insertion.hidden import HoldOut
 from isi.insertion.request import Checked, InsertRequest, KnownEmbedding, checked_request
 from isi.insertion.result import Details, Inserted
 from isi.insertion.selection import Selection, named, one_score, preferred, select
@@ -49,7 +49,6 @@ def insert(
     new_relations: int | Sequence[str] = 0,
     word_source: Source | None = None,
     confidence: Sequence[float] | np.ndarray | None = None,
-    budget: float = 3,
 ) -> Inserted:
     """Compute vectors for new entities from their triples, words or kinds. Known vectors do not
     change.
@@ -123,7 +122,6 @@ def insert(
         new_relations=new_relations,
         word_source=word_source,
         confidence=confidence,
-        budget=budget,
     )
     return insert_request(known, request, stacklevel=4)
 
@@ -146,8 +144,7 @@ def insert_request(known: KnownEmbedding, request: InsertRequest, stacklevel: in
         scale = test.scales[0]
     working = replace(working, novel=replace(working.novel, scale=scale))
     computed = run_engine(working, method)
-    most_hidden = selection.most_hidden if selection else HIDDEN
-    details = Details(*working.new_rows(method), checked, method, test, computed, most_hidden)
+    details = Details(*working.new_rows(method), checked, method, test, computed)
     return Inserted(details, selection)
 
 
@@ -178,8 +175,7 @@ def _method(checked: Checked, request: InsertRequest) -> tuple[Method, HoldOut, 
     test = _hold_out(checked, words_for_all, request.trained_with)
     is_free = request.initializer is None and not options
     if request.choose and is_free and len(novel.known_triples) and novel.number:
-        harm, budget = request.harm, request.budget
-        method, selection = select(test, has_triples, words_for_all, harm=harm, budget=budget)
+        method, selection = select(test, has_triples, words_for_all, harm=request.harm)
         return method, test, selection
     return method, test, None
 

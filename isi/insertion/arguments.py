@@ -1,6 +1,4 @@
-"""Checks the arguments of ``isi.insert``.
-An ``InputError`` names the argument.
-"""
+"""Checks the arguments of ``isi.insert``. An ``InputError`` names the argument."""
 
 from __future__ import annotations
 
@@ -8,8 +6,6 @@ import re
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 import numpy as np
@@ -18,7 +14,6 @@ import torch
 from isi.columns import TRIPLE, triple_columns
 from isi.config import as_list, check, is_whole
 from isi.errors import InputError, extra, short
-from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.graph.vocabulary import Vocabulary, ids_by_name
 from isi.models.model import Model, make_model
 from isi.models.stack import Embedding, NotFinite
@@ -27,8 +22,8 @@ from isi.tables import paths
 if TYPE_CHECKING:
     import pandas as pd
 
-#: Embeds texts: a function, gensim's ``KeyedVectors``, or a file of word vectors.
-Source = Callable[[Sequence[str]], Any] | str | Path
+#: Embeds texts.
+Source = Callable[[Sequence[str]], Any]
 Triple = Sequence[str | int]  #: Head, relation, tail; names or ids.
 
 
@@ -87,15 +82,6 @@ def array_of(tensor: torch.Tensor) -> np.ndarray:
         )
 
 
-def _as_array(values: Any, dtype: type[np.generic] | None = None) -> np.ndarray:
-    """``numpy.asarray`` of numbers, which may be a tensor or a list of tensors."""
-    if isinstance(values, torch.Tensor):
-        values = array_of(values)
-    elif isinstance(values, list | tuple):
-        values = [array_of(value) if isinstance(value, torch.Tensor) else value for value in values]
-    return np.asarray(values, dtype)
-
-
 def table(
     values: Any, name: str, width: int | None = None, dtype: type[np.floating[Any]] | None = None
 ) -> np.ndarray:
@@ -104,7 +90,8 @@ def table(
     """
     with naming_argument(name), np.errstate(over="ignore", invalid="ignore"):
         try:
-            numbers = _as_array(values, dtype)
+            given = array_of(values) if isinstance(values, torch.Tensor) else values
+            numbers = np.asarray(given, dtype)
         # RuntimeError: by a tensor within
         except (TypeError, ValueError, RuntimeError, OverflowError) as error:
             raise InputError(
@@ -147,67 +134,12 @@ def checked_model(model: Any, options: Any, dimension: int) -> Model:
     return checked
 
 
-@dataclass(frozen=True)
-class Arguments:
-    """Checked arguments of ``isi.insert``. Known entities have the lower ids."""
-
-    relations: np.ndarray
-    model: Model
-    relation_names: Vocabulary
-    triples: np.ndarray  #: with a new entity or relation; ids, shape: (T, 3)
-    known_triples: np.ndarray  #: ids, shape: (K, 3)
-
-
-def checked_arguments(
-    entities: np.ndarray | torch.Tensor,
-    relations: Any,
-    model: Any,
-    model_options: Any,
-    names: Vocabulary,
-    relation_names: Any,
-    known: int,
-    triples: Any,
-    known_triples: Any,
-    new_relations: Any = 0,
-    numbers_are_ids: bool = False,
-) -> Arguments:
-    """Check the other arguments (InputError); ``entities``, ``names`` and ``known``, a number,
-    are checked already.
-
-    New relations get rows of zeros.
-    """
-    checked = checked_model(model, model_options, entities.shape[-1])
-    rows = table(relations, "relations", checked.width(entities.shape[-1]))
-    old_relations = len(rows)
-    of_rows = Vocabulary("relation", relation_names, old_relations, numbers_are_ids=numbers_are_ids)
-    labels = of_rows.with_new(new_relations, "new_relations")
-    rows = np.concatenate(
-        [rows, np.zeros((labels.number - old_relations, rows.shape[1]), rows.dtype)]
-    )
-    new = triples_of(triples, "triples", names, labels)
-    old = triples_of([] if known_triples is None else known_triples, "known_triples", names, labels)
-    is_new, was_new = (
-        np.stack(
-            [ids[:, HEAD] >= known, ids[:, RELATION] >= old_relations, ids[:, TAIL] >= known], 1
-        )
-        for ids in (new, old)
-    )
-    for name, ids, wrong, expected in (
-        ("triples", new, ~is_new.any(1), "a new entity or relation, else use 'known_triples'"),
-        ("known_triples", old, was_new.any(1), "known entities and relations only"),
-    ):
-        for head, relation, tail in ids[wrong][:1].tolist():
-            triple = f"({names.of(head)}, {labels.of(relation)}, {names.of(tail)})"[:200]
-            raise InputError(f"argument {name!r}", triple, f"expected {expected}")
-    return Arguments(rows, checked, labels, new, old)
-
-
 def listed_triples(triples: Any) -> np.ndarray | list[Any]:
     """Triples in any accepted form as an array, (T, 3), or a list.
     The triples themselves are not checked.
 
-    Forms: a list, an array, a tensor, a DataFrame, an Arrow table or a structured array (columns by
-    name, ``triple_columns``; those of a DataFrame without names in order; None is missing), or the
+    Forms: a list, an array, a tensor, a DataFrame or an Arrow table (columns by name,
+    ``triple_columns``; those of a DataFrame without names in order; None is missing), or the
     tails of each head and relation, ``{"smart pill": {"isa": ["medical_device"]}}``, where a single
     tail needs no list.
     """
@@ -223,16 +155,16 @@ def listed_triples(triples: Any) -> np.ndarray | list[Any]:
                 listed = [tails] if isinstance(tails, str) or is_whole(tails) else as_list(tails)
                 rows += [(head, relation, tail) for tail in listed]
         return rows
-    if names := column_names(triples):
-        triples = triples[[names[column] for column in triple_columns(names)]]
-        if isinstance(triples, np.ndarray):  # a structured one
-            return list(triples.tolist())
-    if hasattr(triples, "columns"):
-        if hasattr(triples, "isna") and (missing := triples.isna()).any(axis=None):
+    if hasattr(triples, "isna"):
+        if names := column_names(triples):
+            triples = triples[[names[column] for column in triple_columns(names)]]
+        if (missing := triples.isna()).any(axis=None):
             triples = triples.astype(object).where(~missing, None)  # for NaN, NaT and NA
         triples = triples.to_numpy()
     elif isinstance(triples, torch.Tensor):
         triples = array_of(triples)
+    elif isinstance(triples, np.ndarray) and triples.dtype.names:
+        raise InputError("", "", "expected rows of triples: pandas.DataFrame(array) makes a table")
     return triples if isinstance(triples, np.ndarray) and triples.ndim else as_list(triples)
 
 
@@ -252,7 +184,7 @@ def named_triples(triples: Any) -> np.ndarray:
 
 def of_arrow(triples: Any) -> Any:
     """An Arrow table as a DataFrame; other forms as they are."""
-    if not hasattr(triples, "__arrow_c_stream__") or hasattr(triples, "to_numpy"):
+    if not hasattr(triples, "__arrow_c_stream__") or hasattr(triples, "isna"):
         return triples
     with extra("pipeline"):
         import pandas as pd
@@ -263,13 +195,8 @@ def of_arrow(triples: Any) -> Any:
 
 
 def column_names(triples: Any) -> list[str]:
-    """The names of the columns of a DataFrame or of a structured array;
-    empty for other forms, and for numbers.
-    """
-    if isinstance(triples, np.ndarray):
-        names = list(triples.dtype.names or ())
-    else:
-        names = list(getattr(triples, "columns", ()))
+    """The names of the columns of a DataFrame; empty for other forms, and for numbers."""
+    names = list(getattr(triples, "columns", ()))
     return [] if all(map(is_whole, names)) else names
 
 
@@ -394,32 +321,21 @@ def word_table(words: Any, source: Source | None, entities: Vocabulary) -> np.nd
     return rows
 
 
-def _vectors_of(texts: Sequence[str], source: Source | None) -> np.ndarray:
-    """The vectors of texts, (T, v), float32; zero if word vectors lack all words of a text."""
+def _vectors_of(texts: Sequence[str], source: Any) -> np.ndarray:
+    """The vectors of texts, (T, v), float32."""
     if source is None:
         raise InputError(
             "", "", "expected vectors: texts need the argument 'word_source', which embeds them"
         )
-    if callable(source):
-        vectors = table(source(list(texts)), "word_source", dtype=np.float32)
-        if len(vectors) != len(texts):
-            raise InputError(
-                "argument 'word_source'", "", f"expected {len(texts)} vectors, got {len(vectors)}"
-            )
-        return vectors
-    with extra("words-file"):
-        from gensim.models import KeyedVectors  # here, since the import takes a second
-
-    from isi.graph.words import look_up, read_vectors
-
-    keyed = read_vectors(Path(source)) if isinstance(source, str | Path) else source
-    if not isinstance(keyed, KeyedVectors):
-        expected = (
-            "expected a function, gensim's KeyedVectors or a file of word vectors, "
-            f"got {short(source)}"
-        )
+    if not callable(source):
+        expected = f"expected a function from texts to vectors, got {short(source)}"
         raise InputError("argument 'word_source'", "", expected)
-    return look_up(keyed, texts).vectors
+    vectors = table(source(list(texts)), "word_source", dtype=np.float32)
+    if len(vectors) != len(texts):
+        raise InputError(
+            "argument 'word_source'", "", f"expected {len(texts)} vectors, got {len(vectors)}"
+        )
+    return vectors
 
 
 def stack_of_one(
@@ -428,7 +344,7 @@ def stack_of_one(
     """Tables, (E, d) or a tensor (1, E, d), and (R, w), as one float32 embedding.
     Float32 vectors are not copied.
     """
-    # values that overflow are refused later; torch warns of a table that is a read-only file
+    # values that overflow are refused later; torch warns of a table that is read-only
     with np.errstate(over="ignore"), warnings.catch_warnings(action="ignore", category=UserWarning):
         if isinstance(entities, np.ndarray):
             entities = torch.from_numpy(np.ascontiguousarray(entities, np.float32))[None]

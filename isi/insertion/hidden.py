@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from hashlib import sha256
 from operator import itemgetter
 from typing import Any
 
@@ -218,19 +217,6 @@ class HoldOut:
         losses = TRIED if self.loss is None else (self.loss,)
         triples = torch.from_numpy(self.triples)
         return [fit_scale(self.theta0, triples, loss) for loss in losses]
-
-    @cached_property
-    def digest(self) -> str:
-        """Of all that the test depends on."""
-        theta = self.theta0
-        triples = self.triples, self.validation
-        tables = (theta.entity.numpy(), theta.relation.numpy(), *triples, self.numbers)
-        digest = sha256(repr((theta.model, self.seed, self.loss)).encode())
-        for table in (*tables, self.words, self.kinds):
-            digest.update(repr(None if table is None else (table.shape, table.dtype)).encode())
-            if table is not None:
-                digest.update(np.ascontiguousarray(table).data)
-        return digest.hexdigest()
 
     def hide(self, most: int = HIDDEN) -> HiddenDraws | None:
         """Hide up to ``most`` entities, a tenth of the known ones at a time;

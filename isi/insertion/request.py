@@ -35,7 +35,7 @@ class InsertRequest:
     #: word vectors of known and new entities, shape (E + n, v), zero if missing; or a mapping from
     #: names or ids to vectors or texts
     words: Any = None
-    #: embeds the texts in ``words``: a function, gensim's ``KeyedVectors``, or a file of vectors
+    #: embeds the texts in ``words``: a function from a list of texts to vectors
     word_source: Source | None = None
     #: a kind for each of the E + n entities; or a mapping from names or ids to kinds. Means and
     #: priors are of known entities of a new one's kind. No kind: an empty text, None, or, in an
@@ -68,13 +68,10 @@ class InsertRequest:
     #: triples of known entities that the embedding was not trained on, in the forms of ``triples``:
     #: the selection measures harm on them. None: on triples of training, which hides some of it.
     validation: TripleForms | None = None
-    #: seconds of one core for the selection, by an estimate of its work; a clock would change
-    #: results
-    budget: float = 3
 
     def __post_init__(self) -> None:
         check(self.trained_with, Loss | TrainingLoss | None, "", "argument 'trained_with'")  # type: ignore[arg-type]
-        for name, kind in (("seed", Seed), ("harm", NotNegative), ("budget", NotNegative)):
+        for name, kind in (("seed", Seed), ("harm", NotNegative)):
             number = check(getattr(self, name), kind, "", f"argument {name!r}")
             object.__setattr__(self, name, number)  # of Python's, not of NumPy's
         check(self.initializer, str | None, "", "argument 'initializer'")  # type: ignore[arg-type]
@@ -153,6 +150,16 @@ class Checked:
             raise InputError("argument 'entities'", "", expected)
         return vectors, relations
 
+    def refuse_without_facts(self) -> None:
+        """InputError for a new entity with neither triples nor words that serve."""
+        without = ~(self.has_triple | (self.has_words & self.words_serve))
+        if without.any():
+            expected = (
+                "expected insert triples, word vectors (also of known entities), "
+                "or an initializer such as mean"
+            )
+            raise self.refusal(without, expected)
+
     def refusal(self, entities: np.ndarray, expected: str) -> InputError:
         """The error of the first new entity of a mask, (n,), or of ``words`` if it has none."""
         if not entities.any():
@@ -167,59 +174,66 @@ def checked_request(known: KnownEmbedding, request: InsertRequest) -> Checked:
     The table of ``novel`` has the rows of known entities only (``Checked.with_rows``).
     """
     rows = table(known.entities, "entities")
-    number = len(rows)
+    number, dimension = rows.shape
     are_ids = known.numbers_are_ids
     known_names = Vocabulary("entity", known.entity_names, number, numbers_are_ids=are_ids)
     if request.new is None:
         raise InputError("argument 'new'", "", "expected names of new entities, or their number")
     names = known_names.with_new(request.new, "new")
-    added = names.number - number
-    given = arguments.checked_arguments(
-        rows,
-        known.relations,
-        known.model,
-        known.model_options,
-        names,
-        known.relation_names,
-        number,
-        request.triples,
-        known.triples,
-        request.new_relations,
-        are_ids,
-    )
-    if not added and len(given.relations) == len(known.relations):
+    model = arguments.checked_model(known.model, known.model_options, dimension)
+    relations = table(known.relations, "relations", model.width(dimension))
+    old = len(relations)
+    known_labels = Vocabulary("relation", known.relation_names, old, numbers_are_ids=are_ids)
+    labels = known_labels.with_new(request.new_relations, "new_relations")
+    added = np.zeros((labels.number - old, relations.shape[1]), relations.dtype)
+    relations = np.concatenate([relations, added])
+    triples = triples_of(request.triples, "triples", names, labels)
+    known_triples = triples_of(_listed(known.triples), "known_triples", names, labels)
+    _check_sides(triples, known_triples, (number, old, number), names, labels)
+    if names.number == number and labels.number == old:
         raise InputError("argument 'new'", "", "expected at least one new entity")
-    theta = arguments.stack_of_one(rows, given.relations, given.model)
     novel = NovelEntities(
-        theta=theta,
+        theta=arguments.stack_of_one(rows, relations, model),
         known=number,
-        number=added,
-        known_relations=len(known.relations),
-        triples=given.triples,
-        known_triples=given.known_triples,
+        number=names.number - number,
+        known_relations=old,
+        triples=triples,
+        known_triples=known_triples,
         words=arguments.word_table(request.words, request.word_source, names),
         kinds=arguments.kinds_of(request.kinds, names),
         seed=request.seed,
         entity_keys=request.entity_keys,
-        confidence=_confidence(request.confidence, len(given.triples)),
+        confidence=_confidence(request.confidence, len(triples)),
     )
-    validation = triples_of(
-        [] if request.validation is None else request.validation,
-        "validation",
-        known_names,
-        Vocabulary(
-            "relation", known.relation_names, novel.known_relations, numbers_are_ids=are_ids
-        ),
-    )
-    checked = Checked(rows, given.relations, names, given.relation_names, novel, validation)
-    without = ~(checked.has_triple | (checked.has_words & checked.words_serve))
-    if request.initializer is None and without.any() and not request.allow_without_facts:
-        expected = (
-            "expected insert triples, word vectors (also of known entities), "
-            "or an initializer such as mean"
-        )
-        raise checked.refusal(without, expected)
+    held_out = triples_of(_listed(request.validation), "validation", known_names, known_labels)
+    checked = Checked(rows, relations, names, labels, novel, held_out)
+    if request.initializer is None and not request.allow_without_facts:
+        checked.refuse_without_facts()
     return checked
+
+
+def _listed(triples: TripleForms | None) -> TripleForms:
+    return [] if triples is None else triples
+
+
+def _check_sides(
+    triples: np.ndarray,
+    known_triples: np.ndarray,
+    first_new: tuple[int, int, int],
+    names: Vocabulary,
+    labels: Vocabulary,
+) -> None:
+    """InputError for one of ``triples`` without an id from ``first_new`` on, those of head,
+    relation and tail, or one of ``known_triples`` with such an id; both of shape (T, 3).
+    """
+    has_new, had_new = (triples >= first_new).any(1), (known_triples >= first_new).any(1)
+    for name, ids, wrong, expected in (
+        ("triples", triples, ~has_new, "a new entity or relation, else use 'known_triples'"),
+        ("known_triples", known_triples, had_new, "known entities and relations only"),
+    ):
+        for head, relation, tail in ids[wrong][:1].tolist():
+            triple = f"({names.of(head)}, {labels.of(relation)}, {names.of(tail)})"[:200]
+            raise InputError(f"argument {name!r}", triple, f"expected {expected}")
 
 
 def _confidence(values: Sequence[float] | np.ndarray | None, triples: int) -> np.ndarray | None:

@@ -70,7 +70,6 @@ class Details:
     method: Method  #: the initializer, its options, and the reason for it
     test: HoldOut  #: hides known entities, which get as many insert triples as the new ones
     computed: InitResult | None  #: by the initializer; None without new entities
-    most_hidden: int  #: maximum number of known entities that are hidden
 
     @cached_property
     def entities(self) -> np.ndarray:
@@ -182,7 +181,7 @@ class Details:
         There must be new entities: the hidden ones get as many insert triples.
         """
         with usual_torch():
-            draws = self.test.hide(self.most_hidden)
+            draws = self.test.hide()
             curves = None if draws is None else fit_curves(draws, self.method)
         if curves is None:
             expected = (
@@ -454,8 +453,3 @@ class Inserted:
         return measure(
             made.embedding, made.names, made.labels, queried, true, old, most, seed, show
         )
-
-
-def with_vectors(done: Inserted, vectors: np.ndarray) -> Inserted:
-    """A result with other rows of the new entities, (n, d), from which ``train`` then starts."""
-    return replace(done, details=replace(done.details, vectors=vectors))

@@ -7,25 +7,21 @@ lose.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-import torch
 
 from isi.errors import InputError
 from isi.initializers.api import INITIALIZERS, Registered, options_of
-from isi.initializers.evidence import SAMPLE
-from isi.initializers.newton import CURVED
 from isi.initializers.scale import Scale
 from isi.insertion.arguments import naming_argument
 from isi.insertion.engine import Method
-from isi.insertion.hidden import HIDDEN, QUERIES, Candidate, HiddenDraws, HoldOut
+from isi.insertion.hidden import Candidate, HiddenDraws, HoldOut
 from isi.insertion.inverses import InverseRelations, unpack_first
 from isi.models.losses import Loss, TrainingLoss, loss_named
 from isi.models.model import Model
-from isi.models.stack import Embedding
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -38,22 +34,7 @@ WITH_WORDS = "soft_hybrid"  #: Where training starts if there are words.
 #: Plain means, which cost little: they are candidates, too.
 MEANS = ("soft_rs", "er_avg", "soft_hybrid", "soft_es", "mean")
 PAIRS = 2**29  #: Maximum number of word similarities of entity pairs.
-#: Number of hidden entities for which no candidate is left out to save work.
-LEAST_HIDDEN = 20
-#: Multiplications in a second, and as many as the overhead of one candidate takes. They turn a
-#: budget of seconds into one of work, so that the selection depends on the arguments alone and not
-#: on a clock.
-RATE, OVERHEAD = 1.4e10, 7e7
-STEPS = 8  #: Assumed number of steps of Newton's method.
-#: As many multiplications of a product take the time of a step's work on one number of a vector.
-ELEMENTWISE = 300
-#: A step takes as long as so many scores of a triple, of which one has gradients.
-PASSES_OF_SCORE = 6
-SCORED = 8  #: Number of triples of which the work of a score is measured.
-PASSES_OF_STEP = 8  #: Number of times that a step reads the vectors of triples.
-EPOCHS = 10  #: Assumed number of epochs of training, with so many candidates of a query.
-CANDIDATES = 2**12
-STARTED = 0.7  #: Work of an optimum that is sought near another one, by that of the first one.
+LARGEST = 2**22  #: Maximum number of numbers in the vectors of entities for a comparison.
 #: What a point of MRR of earlier triples costs, in points of MRR about hidden entities; and what
 #: one costs beyond the harm that is allowed.
 PRICE, PRICE_BEYOND = 5.0, 25.0
@@ -61,10 +42,6 @@ PRICE, PRICE_BEYOND = 5.0, 25.0
 BETTER = 0.02
 #: The MRR of earlier triples is near chance if it is below so many times that of random ranks.
 NEAR_RANDOM = 2.0
-REMEMBERED = 16  #: Number of selections that are kept, the last ones.
-#: The candidates' initializers and the selection of before, by all that it depends on.
-_REMEMBERED: dict[Hashable, tuple[list[Registered], Selection | None]] = {}
-
 #: An initializer with options.
 Setting = tuple[Registered, dict[str, object]]
 
@@ -78,7 +55,6 @@ class Selection:
     allowed: float  #: harm that is allowed: loss of MRR of earlier triples
     hidden: int  #: number of hidden entities
     queries: int  #: number of their queried triples
-    most_hidden: int  #: largest number of hidden entities that the budget allows
     random_mrr: float  #: expected MRR of earlier triples at random ranks
     loss: Loss | TrainingLoss  #: of training, by which the candidates were measured
     loss_unknown: bool  #: whether it was to be decided, too
@@ -146,7 +122,7 @@ def _about(candidate: Candidate) -> float:
 
 
 def select(
-    test: HoldOut, has_triples: bool, has_words: bool, *, harm: float, budget: float
+    test: HoldOut, has_triples: bool, has_words: bool, *, harm: float
 ) -> tuple[Method, Selection | None]:
     """The default initializer, and the comparison behind it if there can be one.
 
@@ -156,8 +132,6 @@ def select(
     Args:
         test: the hold-out test; ``has_triples``, ``has_words``: whether new entities have any.
         harm: loss of the MRR of earlier triples that is allowed.
-        budget: seconds of one core, by an estimate of the work; limits the number of hidden
-            entities, and if these are few, that of candidates.
     """
     model, entities = test.theta0.model, test.theta0.entity.shape[1]
     method = preferred(model, has_triples, has_words, test.loss)
@@ -167,14 +141,8 @@ def select(
         serves = each.role == "own" or each.name in names
         if serves and each.name != method.initializer.name and not is_too_large(each, entities):
             compared.append(each)
-    # of the registered function: a form that unpacks an embedding is another one at each call
-    functions = tuple(id(INITIALIZERS.get(each.name, each.name).function) for each in compared)
-    key = test.digest, functions, harm, budget
-    if key not in _REMEMBERED:
-        _REMEMBERED[key] = compared, compare(compared, test, harm, budget)
-    compared, selection = _REMEMBERED[key]
-    while len(_REMEMBERED) > REMEMBERED:
-        del _REMEMBERED[next(iter(_REMEMBERED))]
+    is_large = test.theta0.entity.numel() > LARGEST
+    selection = None if is_large else compare(compared, test, harm)
     if selection is None:
         return method, None
     best = selection.selected
@@ -246,36 +214,22 @@ def one_score(model: Model) -> Model:
     return replace(model, heads_by_inverse=False) if isinstance(model, InverseRelations) else model
 
 
-def compare(
-    initializers: Sequence[Registered], test: HoldOut, harm: float, budget: float
-) -> Selection | None:
+def compare(initializers: Sequence[Registered], test: HoldOut, harm: float) -> Selection | None:
     """Compare initializers, each with its defaults and with the options in its ``calibration``.
 
-    None if there are too few known triples, or the embedding is too large for the budget.
+    None if there are too few known triples.
 
     Args:
-        initializers: those whose needs are met by the model and the data; the first is always
-            compared.
-        harm, budget: see ``select``.
+        initializers: those whose needs are met by the model and the data; the loss of training,
+            where it is unknown, is that by which the first one is best.
+        harm: see ``select``.
     """
-    settings, scales = ordered_settings(initializers, test), test.scales
-    each = [work_of(settings[0][0], test)] * len(scales)
-    for initializer, _ in settings[1:]:
-        is_near = initializer.cost == "newton" and test.theta0.model.linear
-        each.append(work_of(initializer, test) * (STARTED if is_near else 1))
-    # number of hidden entities that the budget allows, for each number of candidates
-    possible = (budget * RATE - OVERHEAD * np.arange(1, len(each) + 1)) / np.cumsum(each)
-    affordable = int((possible >= min(LEAST_HIDDEN, test.theta0.entity.shape[1])).sum())
-    if not affordable:
-        return None
-    most_hidden = min(HIDDEN, int(possible[affordable - 1]))
-    draws = test.hide(most_hidden)
+    settings = [setting for each in initializers for setting in settings_of(each, test)]
+    draws = test.hide()
     if draws is None:
         return None
-    scales = scales[: 1 if affordable < len(scales) else None]
-    draws, candidate = measured_with(draws, scales, settings[0], harm)
-    others = settings[1 : affordable - len(scales) + 1]
-    measured = [candidate, *(draws.measure(*setting) for setting in others)]
+    draws, first = measured_with(draws, test.scales, settings[0], harm)
+    measured = [first, *(draws.measure(*setting) for setting in settings[1:])]
     candidates = [candidate for candidate in measured if candidate is not None]
     if not candidates:
         return None
@@ -286,7 +240,6 @@ def compare(
         harm,
         hidden=draws.context.novel.numel(),
         queries=int(draws.about.counted.sum()),
-        most_hidden=most_hidden,
         random_mrr=draws.random_mrr,
         loss=draws.context.scale.training,
         loss_unknown=len(test.scales) > 1,
@@ -315,66 +268,18 @@ def measured_with(
     return best
 
 
-def ordered_settings(initializers: Sequence[Registered], test: HoldOut) -> list[Setting]:
-    """Initializers with options, in the order in which a budget is spent: the first with its
-    defaults, means, the first with other options, all others.
+def settings_of(initializer: Registered, test: HoldOut) -> list[Setting]:
+    """An initializer with its defaults, and with each of the options of its ``calibration``, unless
+    it sees words alone, and there are facts.
     """
-    first, *others = initializers
-    cheap = [each for each in others if each.cost not in ("newton", "trained")]
-    dear = [each for each in others if each not in cheap]
-    cheap.sort(key=lambda each: work_of(each, test))
-    has_words = test.words is not None
-    settings = [(each, defaults_of(each, has_words)) for each in (first, *cheap, *dear)]
-    for each in (first, *cheap, *dear):
-        settings += with_other_options(each, test)
-    return settings
-
-
-def with_other_options(initializer: Registered, test: HoldOut) -> list[Setting]:
-    """An initializer with each of the options of its ``calibration``; none if it sees words alone,
-    and there are facts.
-    """
-    if initializer.needs == ("words",) and test.numbers.any():
-        return []
     defaults = defaults_of(initializer, test.words is not None)
-    return [(initializer, {**defaults, **each}) for each in initializer.calibration]
+    settings: list[Setting] = [(initializer, defaults)]
+    if initializer.needs != ("words",) or not test.numbers.any():
+        settings += [(initializer, {**defaults, **each}) for each in initializer.calibration]
+    return settings
 
 
 def value(candidate: Candidate, harm: float) -> float:
     """The MRR about hidden entities, less the price of the harm to earlier triples."""
     beyond = max(0.0, candidate.harm - harm)
     return candidate.about - PRICE * max(0.0, candidate.harm - beyond) - PRICE_BEYOND * beyond
-
-
-def work_of(initializer: Registered, test: HoldOut) -> float:
-    """Estimated number of multiplications for each hidden entity:
-    to insert it, and to rank the queries about it.
-    """
-    _, entities, dimension = test.theta0.entity.shape
-    ranking = 2.0 * QUERIES * entities * (dimension + 20)
-    if initializer.cost == "pairs":
-        return ranking + entities**2 * (1 if test.words is None else test.words.shape[1])
-    if initializer.cost == "entities":
-        return ranking + 4 * entities * dimension
-    mean, known = float(test.numbers.mean()), len(test.triples)
-    if initializer.cost == "trained":
-        return ranking + EPOCHS * mean * min(entities, CANDIDATES) * dimension
-    numbers_of_triples = mean * entities, mean * test.theta0.relation.shape[1], 2 * known
-    triples = sum(min(SAMPLE, number) for number in numbers_of_triples)
-    if test.theta0.model.linear:
-        step = min(triples, CURVED) * dimension + PASSES_OF_STEP * triples
-    else:
-        by_score = multiplications(test.theta0)
-        step = triples * (dimension + ELEMENTWISE + PASSES_OF_SCORE * by_score / dimension)
-        ranking += 2 * QUERIES * entities * by_score
-    return ranking + STEPS * step * dimension
-
-
-def multiplications(theta: Embedding) -> float:
-    """Multiplications of the products of matrices in the score of a triple."""
-    from torch.utils.flop_counter import FlopCounterMode
-
-    ids = torch.zeros(1, SCORED, dtype=torch.int64)
-    with FlopCounterMode(display=False) as counter, torch.no_grad():
-        theta.score(ids, ids, ids)
-    return float(counter.get_total_flops()) / 2 / SCORED

@@ -459,9 +459,8 @@ class LiveEmbedding:
         return [(names[other], cosine) for other, cosine in self.now.nearest(row, number)]
 
     @reads
-    def explain(self, entity: str, top: int = 5) -> Explanation:
-        """Why an inserted entity is where it is: its indicators,
-        and the effect of each part of its input.
+    def explain(self, entity: str) -> Explanation:
+        """Why an inserted entity is where it is: its facts, its words and its indicators.
 
         Example:
             >>> effect = home.insert("mug", {"in": "kitchen"}, initializer="rs", options={"k": 3})
@@ -469,9 +468,8 @@ class LiveEmbedding:
             >>> sorted(indicator.entity for indicator in explanation.indicators)
             ['cup', 'fork', 'pan']
         """
-        check(top, Count, "", "argument 'top'")
         notes = list[str]()
-        explained = explain(self._snapshot(entity, notes), top)
+        explained = explain(self._snapshot(entity, notes))
         return replace(explained, notes=[*notes, *explained.notes])
 
     @reads
@@ -674,16 +672,6 @@ class LiveEmbedding:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        if self.folder is not None and self.home.durability != "memory":
-            return open_live, (self.folder, self.home.durability)
-        return _unpacked, (type(self), self._parts, self.home.as_bytes())
-
-    @property
-    def _parts(self) -> tuple[Any, ...]:
-        """What a copy of this object is made of, except its home."""
-        return (replace(self.base),)  # without what is derived from its fields
 
     def __repr__(self) -> str:
         sizes = self.base.sizes()
@@ -925,9 +913,8 @@ def open_live(folder: str | Path, durability: Durability = "full") -> LiveEmbedd
     Several processes and threads may use a home at once, to read and to write.
 
     Args:
-        durability: ``full``: a change is on the disk when it returns; ``normal``: a loss of power
-            may take the last ones, which makes changes faster; ``memory``: changes stay in this
-            object.
+        durability: ``full``: a change is on the disk when it returns; ``memory``: changes stay in
+            this object.
 
     Raises:
         InputError: the home is missing or broken.
@@ -949,13 +936,6 @@ def open_live(folder: str | Path, durability: Durability = "full") -> LiveEmbedd
     except BaseException:
         home.close()
         raise
-
-
-def _unpacked(
-    kind: Callable[..., LiveEmbedding], parts: Sequence[Any], content: bytes
-) -> LiveEmbedding:
-    """A copy of an embedding in memory."""
-    return kind(*parts, Home.of_bytes(content))
 
 
 def _with_own_words(loaded: LoadedEmbedding) -> LoadedEmbedding:

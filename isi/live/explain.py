@@ -1,23 +1,18 @@
-"""Why an inserted entity is where it is: its indicators,
-and insertions without one piece of its input (ablations).
-"""
+"""Why an inserted entity is where it is: its facts, its words and its indicators."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 import torch
-from torch.nn.functional import cosine_similarity
 
-from isi.errors import InputError
 from isi.graph.graph import HEAD, TAIL
 from isi.initializers import similarity
 from isi.insertion.engine import context_for
 from isi.live.answers import Answers, completed
-from isi.live.bundle import Fact, NewEntity
+from isi.live.bundle import Fact
 from isi.live.groups import Computed, EntityGroups, EntityInput, InsertedEntity
 from isi.live.loaded import LoadedEmbedding, Query, queries_of
 from isi.live.phrases import PhraseVector
@@ -41,25 +36,6 @@ class Indicator:
     relations: float | None
 
 
-class Lost(NamedTuple):
-    """A query whose best answers change."""
-
-    query: Fact
-    lost: list[str]
-    added: list[str]
-
-
-@dataclass(frozen=True)
-class Ablation:
-    """Effect on an inserted entity of leaving out one piece of its input."""
-
-    left_out: str  #: fact, words, indicator
-    what: str  #: the fact as text, the name, or the indicator
-    cosine: float | None = None  #: between this vector and the real one; None if no input is left
-    moved: float | None = None  #: their distance, divided by the length of the real one
-    changes: Sequence[Lost] = ()  #: of each query whose best answers change
-
-
 @dataclass(frozen=True)
 class Explanation:
     """What determined the vector of an inserted entity."""
@@ -69,9 +45,9 @@ class Explanation:
     facts: list[Fact]
     initializer: str
     why: str  #: the reason for this initializer
+    words: str  #: where its word vector is from, or why it has none
     notes: list[str]
     indicators: list[Indicator]  #: the most important first
-    without: list[Ablation]  #: the largest change first
 
 
 @dataclass(frozen=True)
@@ -113,6 +89,7 @@ class Snapshot:
 
     @property
     def words(self) -> PhraseVector:
+        """The word vector of the entity."""
         about = self.given[self.row.entity].about
         return self.groups.words(self.row.entity, about.definition)
 
@@ -165,123 +142,19 @@ def report(snapshot: Snapshot, top: int, ask: Ask) -> Report:
     )
 
 
-def explain(snapshot: Snapshot, top: int) -> Explanation:
-    """Explain an inserted entity;
-    ablations compare the ``top`` best answers to the queries that fit it.
-    """
-    now, groups, row = snapshot.now, snapshot.groups, snapshot.row
-    shown = indicators_of(snapshot)
-    weights = {indicator.id: indicator.weight or 1.0 for indicator in shown}
-    queries = queries_of(now, now.names.ids[row.entity], weights)
-
-    def without(left_out: str, piece: str, changed: Snapshot) -> Ablation:
-        return _ablation(snapshot, left_out, piece, changed, queries, top)
-
-    pieces = list[Ablation]()
-    for fact in snapshot.facts:
-        fewer = _fewer_facts(snapshot.given, fact.__ne__)
-        pieces.append(without("fact", " ".join(fact), replace(snapshot, given=fewer)))
-    if snapshot.words.vector is not None:
-        no_words = replace(groups, base=replace(groups.base, words=None), phrases=None)
-        pieces.append(without("words", row.entity, replace(snapshot, groups=no_words)))
-    for indicator in shown:
-        if indicator.weight is not None:
-            pieces.append(without("indicator", indicator.entity, _lacking(snapshot, indicator)))
-    pieces.sort(key=_falling)
+def explain(snapshot: Snapshot) -> Explanation:
+    """Explain an inserted entity."""
+    row = snapshot.row
     return Explanation(
         row.entity,
         row.kind,
         snapshot.facts,
         row.initializer,
         row.why,
+        snapshot.words.note,
         list(row.notes),
-        shown,
-        pieces,
+        indicators_of(snapshot),
     )
-
-
-def _falling(ablation: Ablation) -> float:
-    """Orders ablations by what they move, those that leave no input first."""
-    return -float("inf") if ablation.moved is None else -ablation.moved
-
-
-def _fewer_facts(
-    given: Mapping[str, EntityInput], holds: Callable[[Fact], bool]
-) -> dict[str, EntityInput]:
-    """What is given, with the facts for which a condition holds alone."""
-    fewer = dict[str, EntityInput]()
-    for name, each in given.items():
-        facts = {fact: believed for fact, believed in each.facts.items() if holds(fact)}
-        fewer[name] = replace(each, facts=facts)
-    return fewer
-
-
-def _lacking(snapshot: Snapshot, indicator: Indicator) -> Snapshot:
-    """A snapshot without a known entity."""
-    base = replace(snapshot.groups.base, triples=snapshot.known_triples)
-    part = base.part(np.delete(np.arange(len(base.entities)), indicator.id))
-
-    def is_of_others(fact: Fact) -> bool:
-        return indicator.entity not in (fact[0], fact[2])
-
-    phrases = snapshot.groups.phrases
-    if phrases is not None and part.words is not None:
-        phrases = replace(phrases, known=part.words, phrases=part.phrases)
-    return replace(
-        snapshot,
-        groups=replace(snapshot.groups, base=part, phrases=phrases),
-        known_triples=part.triples,
-        given=_fewer_facts(snapshot.given, is_of_others),
-    )
-
-
-def _ablation(
-    snapshot: Snapshot,
-    left_out: str,
-    piece: str,
-    changed: Snapshot,
-    queries: Sequence[Query],
-    top: int,
-) -> Ablation:
-    """Insert an entity again from less; compare its best answers."""
-    now, row = snapshot.now, snapshot.row
-    given = {
-        name: replace(each, about=_as_before(each.about, now.kinds[now.names.ids[name]]))
-        for name, each in changed.given.items()
-    }
-    about = given[row.entity].about
-    words = left_out != "words" and snapshot.words.vector is not None
-    if not given[row.entity].facts and not words and about.initializer is None:
-        return Ablation(left_out, piece)
-    try:
-        choice = snapshot.groups.choice(row.conditions)
-        computed = changed.groups.insert(given, changed.known_triples, choice)
-    except InputError:  # nor does an initializer of words alone serve every model
-        return Ablation(left_out, piece)
-    vector = computed[row.entity].entity.vector
-    entities = now.entities.copy()
-    entities[now.names.ids[row.entity]] = vector
-    other, changes = replace(now, entities=entities), list[Lost]()
-    for query in queries:
-        old, new = _best(now, query, top), _best(other, query, top)
-        if set(old) != set(new):
-            lost = [name for name in old if name not in new]
-            added = [name for name in new if name not in old]
-            changes.append(Lost(now.named(query), lost, added))
-    here, there = torch.from_numpy(vector).double(), torch.tensor(row.vector).double()
-    moved = (here - there).norm() / there.norm().clamp(min=1e-12)
-    cosine = cosine_similarity(here, there, dim=0)
-    return Ablation(left_out, piece, cosine.item(), moved.item(), changes)
-
-
-def _as_before(about: NewEntity, kind: str) -> NewEntity:
-    """What was told about an entity, with the kind that it has."""
-    return about.model_copy(update={"kind": kind or None})
-
-
-def _best(bundle: LoadedEmbedding, query: Query, top: int) -> list[str]:
-    """The names of the best answers to a query."""
-    return [bundle.entity_names[each] for each in bundle.ranked(query)[0][:top].tolist()]
 
 
 def indicators_of(snapshot: Snapshot) -> list[Indicator]:

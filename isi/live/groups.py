@@ -19,7 +19,7 @@ from isi.evaluation.platt import PlattCurve
 from isi.graph.vocabulary import ids_by_name
 from isi.initializers.scale import fit_scale
 from isi.insertion.api import insert_request
-from isi.insertion.hidden import HIDDEN, HoldOut
+from isi.insertion.hidden import HoldOut
 from isi.insertion.probability import Curves, fit_curves
 from isi.insertion.relations import fit_relations
 from isi.insertion.request import InsertRequest, KnownEmbedding
@@ -37,7 +37,7 @@ from isi.names import plain
 #: with more.
 PREPARED = (0, 1, 2, 3, 5, 8)
 #: Of the selection: a home gets many entities, one after another.
-HARM, BUDGET = 0.005, 3.0
+HARM = 0.005
 NO_WORDS = PhraseVector(None, "this embedding has no word vectors", None, None)
 
 
@@ -331,15 +331,14 @@ class EntityGroups:
             test = self._hold_out(number, words)
             selection = None
             if conditions.initializer is None:
-                method, selection = select(test, number > 0, words, harm=HARM, budget=BUDGET)
+                method, selection = select(test, number > 0, words, harm=HARM)
                 warnings = list(selection.warnings) if selection else []
                 self._warnings += warnings
             else:
                 options = dict(conditions.options)
                 method = named(conditions.initializer, options, base.model, entities)
                 method = replace(method, trained_with=base.manifest.loss or "logistic")
-            most = selection.most_hidden if selection else HIDDEN
-            draws = replace(test, loss=method.trained_with).hide(most)
+            draws = replace(test, loss=method.trained_with).hide()
             curves = None if draws is None else fit_curves(draws, method)
         return Choice(
             method.initializer.name,

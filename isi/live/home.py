@@ -30,9 +30,9 @@ from isi.names import plain
 from isi.tables.io import atomically
 
 DATABASE = "home.sqlite"
-#: ``full``: a change is on the disk when it is acknowledged. ``normal``: a loss of power may take
-#: the last ones. ``memory``: changes stay in this process, and the folder as it is.
-Durability = Literal["full", "normal", "memory"]
+#: ``full``: a change is on the disk when it is acknowledged. ``memory``: changes stay in this
+#: process, and the folder as it is.
+Durability = Literal["full", "memory"]
 WAITING = 60.0  #: Seconds that a change waits for those of other processes.
 
 #: What each version of the database adds to the one before; ``PRAGMA user_version`` counts them.
@@ -216,10 +216,9 @@ class Home:
     """A database, in a folder or in memory."""
 
     def __init__(self, folder: Path | None, connection: sqlite3.Connection) -> None:
-        """Use ``create``, ``opened`` or ``of_bytes``."""
+        """Use ``create`` or ``opened``."""
         self.folder = folder  #: None in memory
         self.vectors_folder = folder  #: where the trained vectors are
-        self.durability: Durability = "memory"
         self.is_read_only = False
         self.read_training: Any = None  #: ``last_training`` when vectors were read or written.
         self._connection: sqlite3.Connection | None = connection
@@ -255,17 +254,16 @@ class Home:
                 return there.copied()
         if not os.access(folder, os.W_OK):
             return cls._to_read(folder)
-        return cls._in_folder(folder, durability)
+        return cls._in_folder(folder)
 
     @classmethod
-    def _in_folder(cls, folder: Path, durability: Durability) -> "Home":
+    def _in_folder(cls, folder: Path) -> "Home":
         home = cls(folder, _connected(str(folder / DATABASE)))
-        home.durability = durability
         try:
             if not home._check_version():
                 raise InputError(home.path, "", "expected the database of a home")
             home.read("PRAGMA journal_mode = WAL")
-            home.read(f"PRAGMA synchronous = {durability.upper()}")
+            home.read("PRAGMA synchronous = FULL")
             home._upgrade()
         except BaseException:
             home.close()
@@ -280,7 +278,7 @@ class Home:
             has_writer = path.with_name(f"{DATABASE}-wal").exists()
             parameters = "mode=ro" + "&immutable=1" * (not has_writer)
         home = cls(folder, _connected(f"{path.absolute().as_uri()}?{parameters}"))
-        home.durability, home.is_read_only = "full", True
+        home.is_read_only = True
         try:
             if not home._check_version():
                 raise InputError(home.path, "", "expected the database of a home")
@@ -299,21 +297,6 @@ class Home:
         copy._upgrade()
         return copy
 
-    @classmethod
-    def of_bytes(cls, content: bytes) -> "Home":
-        """The home in memory that ``as_bytes`` gave."""
-        home = cls(None, _connected(":memory:"))
-        home.connection.deserialize(content)
-        home.read_training = home.last_training()
-        return home
-
-    def as_bytes(self) -> bytes:
-        """The database, without the trained vectors."""
-        with self._in_words():
-            content = bytearray(self.connection.serialize())
-        content[18:20] = b"\1\1"  # without WAL, which a database in memory cannot have
-        return bytes(content)
-
     def write_to(self, folder: Path, bundle: Bundle) -> None:
         """Write a copy of the home, whose trained embedding is ``bundle``, into another folder, as
         a whole or not at all.
@@ -326,7 +309,7 @@ class Home:
         with self.copied() as copy:
             copy.set("vectors", write_vectors(folder, bundle))
             if (folder / DATABASE).exists():
-                with Home._in_folder(folder, "full") as there, there._in_words():
+                with Home._in_folder(folder) as there, there._in_words():
                     copy.connection.backup(there.connection)
             else:
                 copy._link(folder / DATABASE)

@@ -147,10 +147,9 @@ class Ask(Request):
 
 class Explain(Request):
     explain: Text
-    top: Count = 5
 
     def result(self, live: LiveEmbedding, verb: str) -> Result:
-        return {verb: live.explain(self.explain, self.top)}
+        return {verb: live.explain(self.explain)}
 
 
 class History(Request):

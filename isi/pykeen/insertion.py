@@ -135,7 +135,6 @@ def insert(
     new_relations: int | Sequence[str] = 0,
     word_source: Source | None = None,
     confidence: Sequence[float] | np.ndarray | None = None,
-    budget: float = 3,
 ) -> EnlargedModel:
     """Insert new entities or relations into a copy of a trained model:
     ``insert(model, factory, triples)``.
@@ -232,7 +231,6 @@ def insert(
             new_relations=new_relations,
             word_source=word_source,
             confidence=confidence,
-            budget=budget,
         )
         done = insert_request(known_embedding, request, stacklevel=5)
     except InputError as error:

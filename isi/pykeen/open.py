@@ -49,10 +49,6 @@ class PykeenEmbedding(LiveEmbedding):
         self._made_from: LoadedEmbedding | None = None
 
     @property
-    def _parts(self) -> tuple[Any, ...]:
-        return (*super()._parts, *self._trained)
-
-    @property
     def model(self) -> PykeenModel:
         """A copy of the model with the inserted entities as last rows; the same one until the next
         change.

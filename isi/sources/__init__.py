@@ -78,7 +78,7 @@ class Reader:
     path: str | None = None  #: name of the setting that holds the path to read; None: shipped files
     #: suffixes of the files that it reads, names of files in the folders that it reads
     suffixes: Collection[str] = ()
-    #: default settings in ``isi graph FILE``
+    #: default settings in ``isi train FILE``
     defaults: Mapping[str, Any] = field(default_factory=dict)
 
 

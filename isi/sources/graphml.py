@@ -1,4 +1,4 @@
-"""Observations of a graph in GraphML, as ``isi export`` and networkx write it."""
+"""Observations of a graph in GraphML, as networkx writes it."""
 
 from __future__ import annotations
 

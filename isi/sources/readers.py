@@ -304,7 +304,7 @@ def _text(path: Path) -> Iterator[pd.DataFrame]:
         separator = SEPARATORS.get(suffix_of(path), TAB if b"\t" in first else ",")
         # A text with tabs has no quoting, unless each field of its first line is quoted.
         is_quoted = separator == "," or re.fullmatch(rb'("[^"]*"\t?)+', first)
-        yield from pd.read_csv(
+        parts = pd.read_csv(
             file,
             sep=separator,
             header=None,
@@ -317,6 +317,17 @@ def _text(path: Path) -> Iterator[pd.DataFrame]:
             encoding_errors="surrogateescape",  # such names are refused, with their line
             chunksize=BATCH,
         )
+        for rows in parts:
+            yield rows if is_quoted else rows.map(_unquoted)
+
+
+def _unquoted(field: str) -> str:
+    """The text of a field that pandas and PyKEEN quote, since it has a quote, which is doubled;
+    other quotes are part of the text.
+    """
+    inner = field[1:-1].replace('""', "\n")  # no field contains a line end
+    is_quoted = field[:1] == field[-1:] == '"' and "\n" in inner and '"' not in inner
+    return inner.replace("\n", '"') if is_quoted else field
 
 
 def _parquet(path: Path, known: Collection[str]) -> Iterator[pd.DataFrame]:

@@ -27,7 +27,7 @@ from isi.sources.readers import (
 from isi.tables import paths
 
 TRIPLE = ["head", "relation", "tail"]
-#: Files of a folder of triples (``isi graph --out``).
+#: Files of a folder of triples.
 TRIPLES_FILE, ENTITIES_FILE = "triples.csv", "entities.csv"
 ENTITIES, RELATIONS, ALL = "entity2id.txt", "relation2id.txt", "gt2id.txt"
 #: The kind of an entity by the suffix of its name, after the last dot.

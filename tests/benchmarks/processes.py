@@ -88,17 +88,13 @@ def insert(
     """Insert ``new`` entities with ten insert triples each into a random ComplEx;
     median seconds of a core.
 
-    ``triples``: number of known triples; ``what``: an initializer, of a table in memory or in a
-    ``file``; ``fold_in`` after training with cross-entropy. Peak memory includes tables, triples
-    and pages of the file, but not what making a file took.
+    ``triples``: number of known triples; ``what``: an initializer, ``fold_in`` after training with
+    cross-entropy. Peak memory includes tables and triples.
     """
-    import tempfile
-
     import numpy as np
     import torch
 
     import isi
-    from isi.insertion.large import insert_rows
 
     torch.set_num_threads(1)
     torch.set_flush_denormal(True)
@@ -112,24 +108,14 @@ def insert(
     )
     ends = rng.integers(relations, size=number), rng.integers(entities, size=number)
     insert_triples = np.stack([entities + np.arange(new).repeat(FACTS), *ends], 1)
-    name, _, place = what.partition(", ")
-    if place == "file":
-        file = tempfile.TemporaryFile()  # noqa: SIM115
-        np.save(file, tables[0])
-        tables[0] = np.memmap(
-            file, np.float32, "r", file.tell() - tables[0].nbytes, tables[0].shape
-        )
     forget_peak()
     seconds = []
     for _ in range(rounds + 1):  # the first one also imports modules
         start = time.process_time()
         given: dict[str, Any] = {"new": new, "model": "complex", "known_triples": known}
-        if name == "fold_in":
+        if what == "fold_in":
             given["trained_with"] = "softmax"
-        if place:
-            insert_rows(*tables, insert_triples, **given, initializer=name)
-        else:
-            isi.insert(*tables, insert_triples, **given, initializer=name)
+        isi.insert(*tables, insert_triples, **given, initializer=what)
         seconds.append(time.process_time() - start)
     return {"seconds": float(np.median(seconds[1:])), "peak_mib": peak_mib()}
 

@@ -40,7 +40,6 @@ HOME_WAYS = [
     "SQLite's commit",
     "tell a known fact, durable",
     "tell a new fact, durable",
-    "tell a known fact, normal",
     "open, 100,000 changes",
     "ask after a change, 100,000 changes",
 ]
@@ -172,7 +171,7 @@ def test_in_a_folder(benchmark: Any, bundle: Bundle, tmp_path: Path, way: str) -
         return
     if "100,000" in way:
         rounds = 10
-        with isi.open(folder, durability="normal") as live, live.home.transaction():
+        with isi.open(folder) as live, live.home.transaction():
             for fact in islice(cycle(facts), CHANGES):
                 live.tell([fact])
 
@@ -187,6 +186,6 @@ def test_in_a_folder(benchmark: Any, bundle: Bundle, tmp_path: Path, way: str) -
         live.remove(facts=[facts[next(numbers)]])
         return live.ask("e0", "at")
 
-    with isi.open(folder, durability="normal" if "normal" in way else "full") as live:
+    with isi.open(folder) as live:
         work = open_and_ask if way.startswith("open") else tell
         benchmark.pedantic(tell_and_ask if "ask after" in way else work, rounds=rounds)

@@ -5,13 +5,10 @@ its own process on one thread.
 import json
 import subprocess
 import sys
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import pytest
-
-from tools.benchmarks import LARGE as LARGE_GRAPH
 
 HOUSES, GIB = 10_000, 1024
 TRIPLES_PER_ENTITY = 10
@@ -75,8 +72,6 @@ MILLION = {
         (FB15K_237, "fold_in", 1000, 1, 60, 1.5 * GIB),
         (MILLION, "map", 1, 2, 3, 5 * GIB),
         (MILLION | {"triples": 0}, "map", 1, 2, 3, 4 * GIB),
-        (MILLION, "map, file", 1, 2, 3, 5 * GIB),
-        (asdict(LARGE_GRAPH), "map, file", 1, 2, 15, 5 * GIB),
     ],
 )
 def test_insert(

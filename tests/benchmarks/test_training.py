@@ -212,7 +212,7 @@ def test_updates_by_number_of_entities(benchmark: Any, params: Params, entities:
     counts = torch.full_like(graph.counts, OBSERVATIONS // len(graph.counts))
     splits = torch.full((1, len(counts)), TRAIN, dtype=torch.int8)
     everything = session_of(replace(graph, counts=counts), splits)
-    data = training_data(everything, "training", keys, params.negatives.head_pool)
+    data = training_data(everything, "training", keys)
     few = replace(data, counts=(data.counts.cumsum(1) <= FEW) * data.counts)
     settings = params.training.model_copy(update={"batch_size": 1})
     plain = epoch_of(params, few, "analogy", "sampled", settings)

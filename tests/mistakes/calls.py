@@ -32,7 +32,6 @@ class Typed:
     names: str  #: parts that the message names, with | between them
     before: Callable[[], object] = nothing  #: a call before the command, in its folder
     status: int = 1  #: exit status of the command
-    needs: str = ""  #: a package without which the case is skipped
 
 
 @dataclass(frozen=True)

@@ -30,19 +30,15 @@ def of_pipeline() -> None:
 
 
 def own_files() -> None:
-    """Write triples, a home, plain files, and other folders and files of a user."""
+    """Write triples, a home, plain files, and folders of a user."""
     if not HOME.exists():
         home_of(HOME)
     written(Path("files"))
-    Path("notes.ttl").write_text("mine", encoding="utf-8")
     table = "head,relation,tail\nmug,at,kitchen\ncup,at,kitchen\n"
     Path("triples.csv").write_text(table, encoding="utf-8")
-    kinds = "entity,kind\nmug,object\ncup,object\nkitchen,room\n"
-    Path("entities.csv").write_text(kinds, encoding="utf-8")
-    for folder in ("plain", "hard", "soft"):
+    for folder in ("plain", "soft"):
         Path(folder).mkdir()
     Path("plain/triples.tsv").write_text(table.replace(",", "\t"), encoding="utf-8")
-    Path("hard/triples.csv").hardlink_to("triples.csv")
     Path("soft/triples.csv").symlink_to("../triples.csv")
 
 

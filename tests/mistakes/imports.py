@@ -12,7 +12,6 @@ from tests.mistakes.commands import changed
 from tests.small_bundle import ENTITIES, LABELS, write_lists
 
 TYPED = "import mine --model distmult --out out"
-THEIRS = "import theirs --model distmult --out out"
 NAMED = [f"{place}\t{name}" for place, name in enumerate("abcdef")]
 OF_PYKEEN = [f"{slot}_representations.0._embeddings.weight" for slot in ("entity", "relation")]
 
@@ -62,30 +61,6 @@ def not_compressed() -> None:
     Path("theirs/training_triples/entity_to_id.tsv.gz").write_text("id\tlabel\n", "utf-8")
 
 
-def with_pickle(content: bytes | None) -> Callable[[], object]:
-    def write() -> None:
-        of_pykeen()
-        path = Path("theirs/trained_model.pkl")
-        if content is None:
-            torch.save(None, path)
-        else:
-            path.write_bytes(content)
-
-    return write
-
-
-def of_rescal() -> None:
-    """Write a model (RESCAL) whose scoring function isi does not have."""
-    from pykeen.models import RESCAL
-    from pykeen.triples import CoreTriplesFactory
-
-    of_pykeen()
-    factory = CoreTriplesFactory(torch.tensor([[0, 1, 2]]), 6, 2)
-    torch.save(
-        RESCAL(triples_factory=factory, embedding_dim=4, random_seed=0), "theirs/trained_model.pkl"
-    )
-
-
 def corrupt() -> None:
     """Write an archive with a valid beginning and corrupt compressed data."""
     np.savez_compressed(write_lists() / "tables.npz", entities=ENTITIES)
@@ -131,7 +106,6 @@ TABLES: list[tuple[str, Callable[[], object]]] = [
     ("tables.npz|entities", with_tables(entities=ENTITIES[0])),
     ("tables.npz|entities", with_tables(entities=np.array([["a"]]))),
     ("tables.npz|relations", with_tables(relations=LABELS[:, :3])),
-    ("tables.npz", with_tables(entities=None, relations=None, vectors=ENTITIES)),
     ("tables.npz", with_tables(entities=np.array([{}, None]))),  # Python's objects
     ("tables.npz", corrupt),
     ("t.pt", with_file("t.pt", b"\x80\x02cos\nmkdir\nq\x00.", write_lists)),
@@ -153,25 +127,4 @@ TENSOR_CASES = [
     ),
 ]
 
-PICKLE_CASES = [
-    Typed(
-        "a pickle alone, which nobody has said to trust", THEIRS, "theirs", before=with_pickle(b"")
-    ),
-    *(
-        Typed(
-            about,
-            "import theirs --trust-pickle --out out",
-            f"theirs/trained_model.pkl{place}",
-            before=before,
-            needs="pykeen",
-        )
-        for about, place, before in (
-            ("no pickle", "", of_pykeen),
-            ("a pickle that is none", "", with_pickle(b"a photograph")),
-            ("a pickle of something else", "|NoneType", with_pickle(None)),
-            ("a model without a closed form", "", of_rescal),
-        )
-    ),
-]
-
-IMPORT_CASES = [*COMMAND_CASES, *TENSOR_CASES, *PICKLE_CASES]
+IMPORT_CASES = [*COMMAND_CASES, *TENSOR_CASES]

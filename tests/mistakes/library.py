@@ -1,6 +1,5 @@
 """Mistakes in the arguments of ``isi.insert`` and of the methods of ``Inserted``."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -65,6 +64,7 @@ INSERT_CASES = [
         place="triple 0",
     ),
     *wrong("triples", np.array([[12, 0, 1], [13, 3, 1]]), place="triple 1"),
+    *wrong("triples", np.array([("cup", "in", "e1")], "U4, U4, U4"), place="DataFrame"),
     *wrong("triples", {"cup": ["e1"]}, {"cup": 5}, place="'cup'"),
     *wrong("triples", {"cup": {"IN": "e1"}}, place="did you mean 'in'"),
     *wrong("triples", [*TRIPLES, ("cup", "inn", "e1")], place="triple 4|new_relations"),
@@ -107,11 +107,6 @@ INSERT_CASES = [
             "argument 'word_source'",
         )
         for vectors in ("none", None, np.eye(2))
-    ),
-    Called(
-        "a file of vectors that is not there",
-        {"words": {"cup": "a cup"}, "word_source": Path("none.txt")},
-        "none.txt",
     ),
     *wrong("kinds", ["a"], 5, "objects, rooms", {"kup": "object"}),
     *wrong("initializer", "er", 5),

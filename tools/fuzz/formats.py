@@ -86,7 +86,7 @@ def mined(section: dict[str, Any]) -> str:
 
 
 def guessed(file: str) -> str:
-    """Read a file as ``isi graph`` does, which detects the reader from the content."""
+    """Read a file as ``isi train`` does, which detects the reader from the content."""
     graph, read = read_graph([file])
     return f"{read} {graph.triples.to_csv()} {graph.entities.to_csv()}"
 

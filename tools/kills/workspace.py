@@ -40,6 +40,7 @@ SMALL: dict[str, Any] = {
     "finetuning.max_epochs": 3,
     "compute.stack": 1,
     "compute.workers": 2,
+    "sweep.experiments": [],
     "final_model.experiments": ["paper"],
 }
 SMALL |= {

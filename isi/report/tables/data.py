@@ -132,12 +132,8 @@ class Runs:
     @cached_property
     def convergence(self) -> pd.DataFrame:
         """Epochs to convergence: rows by model, size and seed."""
-        listed = self.finetuned or self.initializers
-        return self.converged(where(self.runs, model=listed), ["model"], self.finetuned_seeds)
-
-    def epochs(self) -> pd.DataFrame:
-        """Mean epochs to convergence, with intervals: rows by model, column ``mean``."""
-        return over_seeds(self.convergence, ["model"], {"epochs": "mean"}, scale=1)
+        runs = where(self.runs, model=self.finetuned)
+        return self.converged(runs, ["model"], self.finetuned_seeds)
 
     def statistics(self, measure: str = "mrr") -> Statistics:
         """The paper's statistics of these runs, by a measure right after insertion."""

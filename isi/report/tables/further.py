@@ -2,7 +2,7 @@
 graphs.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -10,12 +10,10 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 import pandas as pd
 
-from isi import config
 from isi.report.tables.data import Experiment, Models, Runs, read
 from isi.report.tables.estimates import BASELINE, Line, difference, named, where, wide
 from isi.report.tables.registry import Frames, table
 from isi.report.tables.results import by_label
-from isi.tables import paths
 
 if TYPE_CHECKING:
     from isi.analyses.variants import Variant
@@ -48,7 +46,6 @@ class VariantRuns(Runs):
 class Further:
     """The runs of the second pipeline, and the experiments with which they are compared."""
 
-    paper: Mapping[str, Any]
     experiments: list[Experiment]  #: whose entities all come from one source
     variants: list[VariantRuns]
     graphs: list[VariantRuns]
@@ -81,7 +78,7 @@ class Further:
                 named = replace(experiments[0], name=key, title=graph.title)
                 made = _runs_of(named, params, key, graph.variant(key), runs, queries)
                 graphs.append(replace(made, entities=entities, triples=triples))
-        return cls(config.read(paths.PAPER), experiments, variants, graphs)
+        return cls(experiments, variants, graphs)
 
     def variants_of(self, group: str) -> list[VariantRuns]:
         """The variants of one group."""

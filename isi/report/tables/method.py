@@ -117,7 +117,8 @@ def by_indicators(results: Results, experiment: Experiment) -> pd.DataFrame | No
     parts = [
         under(over_seeds(where(now, scope=scope), by, {"mrr": "MRR"}), scope) for scope in GROUPED
     ]
-    epochs = experiment.converged(sweep, by, results.params.sweep.finetuned_seeds)
+    seeds = results.params.sweep.finetuned_seeds
+    epochs = experiment.converged(sweep, by, seeds)
     parts.append(over_seeds(epochs, by, {"epochs": "epochs"}, scale=1))
     groups = epochs.groupby(by)["converged"]
     parts.append((groups.size() - groups.sum()).rename("do not end").to_frame())

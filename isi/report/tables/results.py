@@ -220,7 +220,7 @@ def best_method(runs: Runs) -> str | None:
 
 
 @table("report")
-@of_each("experiments")
+@of_each("standalone")
 def directions(_: Results, experiment: Experiment) -> pd.DataFrame | None:
     """Entity MRR about novel entities: with the entity given, and with it as the answer."""
     if experiment.directed.empty:
