@@ -222,9 +222,11 @@ def draw_on(panel: Panel, canvas: FigureBase) -> tuple[Axes, list[Value]]:
     values = panel.draw(axes)
     axes.locator_params(axis="y" if panel.by == "x" else "x", nbins=5)
     names = axes.get_legend_handles_labels()[1]
-    if names:
-        columns = int(WIDTH / (48 + 7 * max(map(len, names))))
-        canvas.legend(loc="outside lower left", ncols=columns)
+    for columns in range(len(names), 0, -1):  # as many as fit
+        legend = canvas.legend(loc="outside lower left", ncols=columns)
+        if columns == 1 or legend.get_window_extent().width < WIDTH:
+            break
+        legend.remove()
     return axes, values
 
 
