@@ -7,7 +7,7 @@ import { placeOf } from "./insertion.js";
 /** @import { Insertion } from "./insertion.js" */
 /** @import { State } from "./state.js" */
 
-const [WIDTH, HEIGHT, LEFT, EDGE] = [640, 460, 40, 16], REACH = 30, FONT = 12;
+const [WIDTH, HEIGHT, EDGE] = [640, 460, 16], REACH = 30, FONT = 12;
 
 /** @param {World} world */
 export function makeMap(world) {
@@ -61,8 +61,9 @@ export function makeMap(world) {
     const ends = [...shown.map(({ place }) => place), ...(subject.id < 0 ? [] : [world.jointPlaces[subject.id]])];
     const all = [...world.known.map((id) => raw[id]), ...ends], bottom = HEIGHT - 2.6 * size;
     const [far, low, high] = [Math.max(...all.map(([x]) => x)), ...[Math.min, Math.max].map((end) => end(...all.map(([, y]) => y)))];
+    const left = 8 + 0.62 * size * Math.max(...ticks(low, high).map((value) => shortest(value).length)); // room for numbers
     /** @param {number[]} place */
-    const onto = ([x, y]) => [LEFT + (x / far) * (WIDTH - LEFT - EDGE), bottom - EDGE - ((y - low) / (high - low)) * (bottom - 2 * EDGE)]
+    const onto = ([x, y]) => [left + (x / far) * (WIDTH - left - EDGE), bottom - EDGE - ((y - low) / (high - low)) * (bottom - 2 * EDGE)]
       .map((value) => Math.round(10 * value) / 10);
     places = raw.map(onto);
     listed = subject.before.known;
@@ -73,7 +74,7 @@ export function makeMap(world) {
       mark.setAttribute("visibility", marks[number] ? "visible" : "hidden");
       if (marks[number]) mark.style.transform = `translate(${marks[number].map((value) => `${value}px`).join()})`;
     });
-    drawAxes(far, low, high, onto, size, bottom);
+    drawAxes(far, low, high, onto, size, bottom, left);
     layer.lines.replaceChildren(...shown.flatMap(({ indicators }, number) => indicators.map((id) => svg("path", {
       class: number ? "ex-second" : "ex-first", d: `M${places[id].join(" ")}L${marks[number].join(" ")}` }))));
     drawNames([...new Set(shown.flatMap(({ indicators }) => indicators))], size, bottom);
@@ -81,14 +82,14 @@ export function makeMap(world) {
   }
 
   /** @param {number} far @param {number} low @param {number} high @param {(place: number[]) => number[]} onto @param {number} size
-   * @param {number} bottom */
-  function drawAxes(far, low, high, onto, size, bottom) {
+   * @param {number} bottom @param {number} left */
+  function drawAxes(far, low, high, onto, size, bottom, left) {
     /** @param {number} x @param {number} y @param {string} anchor @param {string} text */
     const text = (x, y, anchor, text) => svg("text", { x, y, "text-anchor": anchor, "font-size": size }, text), [average] = onto([usual, 0]);
     layer.axes.replaceChildren(
-      svg("path", { d: `M${LEFT} ${EDGE}V${bottom}H${WIDTH - EDGE}` }), svg("path", { class: "ex-usual", d: `M${average} ${EDGE}V${bottom}` }),
+      svg("path", { d: `M${left} ${EDGE}V${bottom}H${WIDTH - EDGE}` }), svg("path", { class: "ex-usual", d: `M${average} ${EDGE}V${bottom}` }),
       ...ticks(0, far).map((value) => text(onto([value, 0])[0], bottom + size * 1.1, "middle", shortest(value))),
-      ...ticks(low, high).map((value) => text(LEFT - 5, onto([0, value])[1] + size / 3, "end", shortest(value))),
+      ...ticks(low, high).map((value) => text(left - 5, onto([0, value])[1] + size / 3, "end", shortest(value))),
       text(WIDTH - EDGE, bottom + size * 2.2, "end", "distance from the centre →"), text(2, size, "start", "↑ first principal axis"),
       text(average + 4, bottom - 5, "start", `known vectors: ${fixed(usual, 1)} on average`));
   }
