@@ -125,7 +125,7 @@ def test_the_payload_gives_the_insert_triples_of_the_run(shown: Shown) -> None:
 
 def test_the_script_computes_the_initializers_of_the_payload() -> None:
     text = (TEMPLATES / "explorer/initializers.js").read_text(encoding="utf-8")
-    assert re.findall(r"^  (\w+): \(world, subject,", text, re.MULTILINE) == [*COMPUTED]
+    assert re.findall(r"^  (\w+): \(world, subject", text, re.MULTILINE) == [*COMPUTED]
 
 
 def test_all_registered_initializers_are_listed() -> None:

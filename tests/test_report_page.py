@@ -6,10 +6,12 @@ import shutil
 from html.parser import HTMLParser
 from pathlib import Path
 
+import matplotlib as mpl
 import pandas as pd
 import pytest
+from matplotlib.figure import Figure
 
-from isi.report import figures, page
+from isi.report import charts, figures, page
 from isi.report.items import BAR, PAGES
 from tests import committed
 
@@ -124,11 +126,38 @@ def test_the_values_of_figures_lie_within_their_panels(reports: Path, name: str)
     assert listed or not any(item.draw for item in PAGES[name].items)
     for text in listed:
         values = json.loads(text)
-        for x, y, label, shown in values["points"]:
-            assert -1 <= x <= values["width"] + 1
-            assert -1 <= y <= values["height"] + 1
-            assert label
-            assert shown
+        places = [at for at, _, _ in values["places"]]
+        assert places == sorted(places)
+        for at, place, shown in values["places"]:
+            assert 0 <= at <= (values["width"] if values["by"] == "x" else values["below"])
+            assert place
+            assert all(text for _, text in shown)
+
+
+@pytest.mark.parametrize("number", [1, 5, 9])
+def test_a_legend_lies_within_its_panel(number: int) -> None:
+    names = sorted(charts.PALETTE["models"], key=len)[-number:]
+    frame = pd.DataFrame({"model": names, "epoch": 0, "MRR": 50.0})
+    with mpl.rc_context(charts.PALETTE["settings"]):
+        canvas = Figure((charts.WIDTH / 72, charts.HEIGHT / 72), layout="constrained")
+        charts.draw_on(charts.lines(frame, "epoch", "MRR", "a title"), canvas)
+        canvas.draw_without_rendering()
+        box = canvas.legends[0].get_window_extent()
+        assert 0 <= box.x0 < box.x1 <= charts.WIDTH
+        assert box.y0 >= 0
+        assert [text.get_text() for text in canvas.legends[0].get_texts()] == names
+
+
+def test_values_have_their_place_and_their_interval() -> None:
+    frame = pd.DataFrame(
+        {"model": ["ES", "IU"], "size": 2, "MRR": [40.0, 50], "MRR low": [39.0, None]}
+    ).assign(**{"MRR high": [41.04, None]})
+    text, values = charts.alone(charts.lines(frame, "size", "MRR", "a title"), "one")
+    ((_, place, shown),) = values["places"]
+    assert place == "|ξ| = 2"
+    assert shown == [["IU", "50.0"], ["ES", "40.0 [39.0, 41.0]"]]
+    assert text.startswith("<svg")
+    assert "<g id" not in text
 
 
 def test_a_page_is_drawn_as_far_as_there_are_tables(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Tables of the main report, and places and colours of its figures: a few runs by hand."""
+"""Tables of the main report, and colours of its figures: a few runs by hand."""
 
 import types
 from collections.abc import Mapping, Sequence
@@ -511,20 +511,6 @@ def test_the_plots_of_dvc_are_written_whichever_experiments_there_are() -> None:
 
 
 # Figures
-
-
-@pytest.mark.parametrize(
-    ("heights", "placed"),
-    [
-        ([0.1, 0.5, 0.9], [0.1, 0.5, 0.9]),
-        ([0.1, 0.12, 0.5], [0.06, 0.16, 0.5]),
-        ([0.3, 0.3, 0.3], [0.2, 0.3, 0.4]),
-        ([0.0, 0.0, 0.0], [0.0, 0.1, 0.2]),  # no lower than the bottom
-        ([0.2, 0.95, 0.97], [0.2, 0.9, 1.0]),  # no higher than the top
-    ],
-)
-def test_names_lie_near_what_they_name(heights: list[float], placed: list[float]) -> None:
-    assert charts.spread(np.array(heights), 0.1) == pytest.approx(placed)
 
 
 def luminance(colour: str) -> float:

@@ -29,7 +29,7 @@ DEMONSTRATION = DataFile("data/analyses/demonstration/{experiment}.json")
 #: Name, label, role and description of all registered initializers.
 REGISTERED = DataFile("data/analyses/initializers.csv")
 #: The initializers that the page computes itself.
-COMPUTED = ("xavier", "iu", "es", "rs", "ers", "mean", "kind_mean", "soft_hybrid", "map")
+COMPUTED = ("mean", "xavier", "iu", "es", "rs", "ers")
 #: The initializers of the picture: one that needs the name of the new entity alone, and a random
 #: one.
 SHOWN, RANDOM = "es", "xavier"

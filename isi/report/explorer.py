@@ -7,7 +7,7 @@ from markupsafe import Markup
 TEMPLATES = Path(__file__).parent / "templates"
 
 #: The modules of the page in the order of their imports.
-MODULES = ("linear_algebra", "model", "data", "random", "similarity", "newton", "initializers",
+MODULES = ("linear_algebra", "model", "data", "random", "similarity", "initializers",
            "ranking", "state", "insertion", "elements", "map_view", "answers_view", "controls",
            "main")  # fmt: skip
 

@@ -119,7 +119,7 @@ def paper_results(frame: pd.DataFrame) -> list[Panel]:
     """The paper's results and ours: a panel for each kind."""
     columns = {"the paper": "paper", "its graph": "ours", "today's graph": "today's graph"}
     return [
-        dots(rows, "whose", columns, str(kind), xlabel="", left=90)
+        dots(rows, "whose", columns, str(kind), xlabel="")
         for kind, rows in frame.groupby("kind", sort=False)
     ]
 

@@ -1,9 +1,9 @@
 """A page of the report, drawn from the tables alone: figures as files, and one HTML file."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import cache, cached_property, partial
+from functools import cache, partial
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -110,25 +110,17 @@ class Rendered:
     def id(self) -> str:
         return f"{'figure' if self.item.draw else 'table'}-{self.item.name}"
 
-    @cached_property
-    def svgs(self) -> list[str]:
-        """The panels as SVG elements."""
-        name = self.item.name
-        return [charts.svg(panel, f"{name}{place}") for place, panel in enumerate(self.panels)]
-
-    @property
-    def shown(self) -> list[tuple[Markup, dict[str, Any], str]]:
+    def shown(self) -> Iterator[tuple[Markup, dict[str, Any], str]]:
         """For each panel that the page shows: its element, its values, and its title."""
         number = self.item.panels or len(self.panels)
-        parts = list(zip(self.svgs, self.panels, strict=True))[:number]
-        return [(Markup(text), panel.values(), panel.title) for text, panel in parts]  # noqa: S704
+        for place, panel in enumerate(self.panels[:number]):
+            text, values = charts.alone(panel, f"{self.item.name}{place}")
+            yield Markup(text), values, panel.title  # noqa: S704
 
     def files(self) -> Mapping[str, bytes]:
         """The files of a figure, by name."""
-        return {
-            f"{self.item.name}.svg": charts.joined(self.svgs, self.panels).encode(),
-            f"{self.item.name}.png": charts.png(self.panels),
-        }
+        made = charts.files(self.panels).items()
+        return {f"{self.item.name}.{form}": content for form, content in made}
 
 
 def write(name: str, reports: Path, demonstration: Path | None = None) -> Path:
@@ -161,7 +153,7 @@ def rendered(item: ReportItem, tables: PageTables) -> Rendered | None:
     if frame is None or not len(frame):
         return None
     if item.draw:
-        return Rendered(item, panels=tuple(charts.drawn(getattr(figures, item.draw), frame)))
+        return Rendered(item, panels=tuple(getattr(figures, item.draw)(frame)))
     return Rendered(item, shown_table(frame, item.columns))
 
 

@@ -24,30 +24,27 @@
   /* Figures: the values nearest to the pointer, or step by step with the arrow keys. */
   const tip = document.getElementById("tip");
   for (const panel of every(".panel")) {
-    const data = JSON.parse(panel.querySelector("script").textContent);
-    const along = data.by === "x" ? 0 : 1;
-    const places = [...new Set(data.points.map((point) => point[along]))].sort((a, b) => a - b);
+    const { by, width, below, places } = JSON.parse(panel.querySelector("script").textContent);
     let current = -1;
     const show = (place) => {
       current = place;
-      const shown = data.points.filter((point) => point[along] === places[place]);
-      shown.sort((a, b) => a[1] - b[1]);
-      tip.replaceChildren(...shown.map(([, , name, text]) => {
+      const [at, title, values] = places[place];
+      const box = panel.querySelector("svg").getBoundingClientRect(), scale = box.width / width;
+      tip.replaceChildren(...[[title, ""], ...values].map((words) => {
         const row = document.createElement("div");
-        row.textContent = `${name} ${text}`;
+        row.textContent = words.join(" ");
         return row;
       }));
-      const box = panel.getBoundingClientRect();
-      const scale = box.width / data.width;
       tip.hidden = false;
-      const left = box.left + shown[0][0] * scale + 12;
-      tip.style.left = `${Math.max(4, Math.min(left, innerWidth - tip.offsetWidth - 4)) + scrollX}px`;
-      tip.style.top = `${box.top + shown[0][1] * scale - tip.offsetHeight / 2 + scrollY}px`;
+      /* Beside the drawing: below a line, right of a row. */
+      const [left, top] = by === "x" ? [at * scale - tip.offsetWidth / 2, below * scale] : [box.width, at * scale - tip.offsetHeight / 2];
+      tip.style.left = `${Math.max(4, Math.min(box.left + left, innerWidth - tip.offsetWidth - 4)) + scrollX}px`;
+      tip.style.top = `${box.top + top + scrollY}px`;
     };
     const nearest = (event) => {
-      const box = panel.getBoundingClientRect();
-      const at = (along ? event.clientY - box.top : event.clientX - box.left) * data.width / box.width;
-      const apart = places.map((place) => Math.abs(place - at));
+      const box = panel.querySelector("svg").getBoundingClientRect();
+      const at = (by === "x" ? event.clientX - box.left : event.clientY - box.top) * width / box.width;
+      const apart = places.map((place) => Math.abs(place[0] - at));
       if (places.length) show(apart.indexOf(Math.min(...apart)));
     };
     panel.addEventListener("pointermove", nearest);

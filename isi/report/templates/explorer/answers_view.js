@@ -90,20 +90,19 @@ function indicatorTable(world, { subject, given, choices }, one, label, number, 
     const lack = !one.fallback ? "By its definition" : subject.cosines ? "No fact" : given.length ? "No word for it" : "No word for it, no fact";
     return html("div", { class: style(number) }, heading, html("p", {}, `${lack}: the mean of all ${total} known entities.`));
   }
-  const ranks = relationalRanks(world, subject, given), even = new Set(one.indicators.map(({ weight }) => weight)).size < 2;
-  /** @param {number} id how near it is, for entities of equal weight */
+  const ranks = relationalRanks(world, subject, given);
+  /** @param {number} id how near it is */
   const near = (id) => (ranks && choices[number].name !== "es" ? -(ranks.get(id) ?? 0) : subject.cosines?.[id] ?? 0);
-  const order = one.indicators.slice().sort((a, b) => b.weight - a.weight || near(b.id) - near(a.id));
-  const rows = order.slice(0, MOST_ROWS).map(({ id, weight }) => {
+  const order = one.indicators.slice().sort((a, b) => near(b) - near(a));
+  const rows = order.slice(0, MOST_ROWS).map((id) => {
     const row = html("tr", { "data-entity": id }, html("th", { scope: "row" }, world.names[id]),
-      ...(even ? [] : [html("td", {}, `${fixed(100 * weight, 0)} %`)]),
       html("td", {}, subject.cosines && world.worded[id] ? fixed(subject.cosines[id], 2) : "–"),
       html("td", { class: "ex-extra" }, ranks ? String(ranks.get(id)) : "–"));
     row.addEventListener("pointerenter", () => point(id));
     row.addEventListener("pointerleave", () => point(-1));
     return row;
   });
-  const heads = ["entity", ...(even ? [] : ["weight"]), "words", "relations"]
+  const heads = ["entity", "words", "relations"]
     .map((head) => html("th", { scope: "col", ...(head === "relations" ? { class: "ex-extra" } : {}) }, head));
   const table = html("table", {}, html("caption", { class: "hidden" }, `Indicators of ${label}`),
     html("thead", {}, html("tr", {}, ...heads)), html("tbody", {}, ...rows));

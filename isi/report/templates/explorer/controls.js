@@ -9,11 +9,10 @@ import { choiceOf, dialOf, factOf } from "./state.js";
 /** @import { State } from "./state.js" */
 
 const OF_READER = "own"; // value of the option
-const RARE = ["iu", "mean"]; // listed while "More" is open
 
 /** @param {World} world @param {(change: Partial<State>) => void} change @param {() => State} current */
 export function makeControls(world, change, current) {
-  const name = at("own-name", HTMLInputElement), more = at("more", HTMLDetailsElement);
+  const name = at("own-name", HTMLInputElement);
   const [entity, known, relation, side, other] = ["entity", "known", "own-relation", "own-side", "own-other"].map((id) => at(id, HTMLSelectElement));
   /** @param {number[]} ids */
   const byName = (ids) => ids.slice().sort((a, b) => world.names[a].localeCompare(world.names[b]))
@@ -62,6 +61,7 @@ export function makeControls(world, change, current) {
   }
   const columns = [0, 1].map((number) => {
     const by = at(`by-${number}`, HTMLSelectElement), dial = at(`dial-${number}`, HTMLInputElement), again = at(`again-${number}`, HTMLButtonElement);
+    by.append(...world.initializers.map((one) => html("option", { value: one.name }, one.label)));
     /** @param {State["choices"][number]} choice */
     const choose = (choice) => change({ choices: current().choices.map((old, place) => (place === number ? choice : old)) });
     by.addEventListener("change", () => choose(choiceOf(world, by.value)));
@@ -69,15 +69,6 @@ export function makeControls(world, change, current) {
     again.addEventListener("click", () => choose({ name: by.value, dial: current().choices[number].dial + 1 }));
     return { by, dial, again, label: at(`dial-label-${number}`, HTMLLabelElement), place: at(`dial-box-${number}`, HTMLElement) };
   });
-  /** @param {State} state */
-  function offerInitializers({ choices }) {
-    columns.forEach(({ by }, number) => {
-      const listed = world.initializers.filter((one) => more.open || !RARE.includes(one.name) || one.name === choices[number].name);
-      by.replaceChildren(...listed.map((one) => html("option", { value: one.name }, one.label)));
-      by.value = choices[number].name;
-    });
-  }
-  more.addEventListener("toggle", () => offerInitializers(current()));
   at("all", HTMLButtonElement).addEventListener("click", () => change({ given: current().subject.offered }));
   at("none", HTMLButtonElement).addEventListener("click", () => change({ given: [] }));
 
@@ -90,16 +81,16 @@ export function makeControls(world, change, current) {
     for (const part of ["own", "own-direction"]) at(part, HTMLElement).hidden = !isOwn;
     if (isOwn) [facts, given] = [subject.facts, state.given];
     if (isOwn && document.activeElement !== name) name.value = subject.name;
-    offerInitializers(state);
-    columns.forEach(({ dial, again, label, place }, number) => {
-      const { name: by, dial: value } = choices[number], range = dialOf(world, by), random = RANDOM.includes(by);
+    columns.forEach(({ by, dial, again, label, place }, number) => {
+      const { name: chosen, dial: value } = choices[number], range = dialOf(world, chosen), random = RANDOM.includes(chosen);
+      by.value = chosen;
       again.hidden = !random;
       place.hidden = random || !range;
       if (!range) return;
       dial.min = String(range.least);
       dial.max = String(range.most);
       dial.value = String(value);
-      label.textContent = `${range.label} of ${by.toUpperCase()} = ${value}`;
+      label.textContent = `${range.label} of ${chosen.toUpperCase()} = ${value}`;
     });
     at("about", HTMLElement).textContent = about(world, state);
     showFacts(world, state, change, remove);

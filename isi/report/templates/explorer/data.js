@@ -53,7 +53,7 @@ export function decode(payload) {
 }
 
 /** What is known before an insertion: D⁰ without the entity that is inserted.
- * @typedef {{known: number[], eligible: boolean[], trained: Triple[], triples: Triple[]}} Before */
+ * @typedef {{known: number[], eligible: boolean[], triples: Triple[]}} Before */
 /** An entity to insert; ``id``: -1 for a reader's own; ``cosines``: of its words with those of each entity, or null;
  * ``offered``: places in ``facts`` of what may be given; the others are the test facts.
  * @typedef {{id: number, name: string, kind: number, cosines: Float64Array | null, facts: Fact[], offered: number[],
@@ -70,9 +70,9 @@ export function beforeOf(world, id) {
   if (!made.has(key)) {
     const known = world.known.filter((one) => one !== key), there = new Set(known);
     const triples = world.triples.filter(({ head, tail, split }) => split >= 0 && there.has(head) && there.has(tail));
-    const trained = triples.filter(({ split }) => split === 0), eligible = world.names.map(() => false);
-    for (const { head, tail } of trained) eligible[head] = eligible[tail] = true;
-    made.set(key, { known, eligible, trained, triples });
+    const eligible = world.names.map(() => false);
+    for (const { head, tail, split } of triples) if (split === 0) eligible[head] = eligible[tail] = true;
+    made.set(key, { known, eligible, triples });
   }
   return made.get(key);
 }

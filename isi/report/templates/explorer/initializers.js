@@ -1,7 +1,6 @@
 /* The initializers: the first vector of an entity, from its facts, its words and Θ⁰. */
-import { mostProbable } from "./newton.js";
 import { uniform } from "./random.js";
-import { allKnown, meanOfFirst, relationalScore, softmax, topK } from "./similarity.js";
+import { meanOfAll, meanOfFirst, relationalScore, topK } from "./similarity.js";
 
 /** @import { Fact, Subject, World } from "./data.js" */
 /** @import { Result } from "./similarity.js" */
@@ -14,6 +13,7 @@ export const RANDOM = ["xavier", "iu"];
 
 /** @type {Object<string, Initializer>} */
 const INITIALIZERS = {
+  mean: (world, subject) => meanOfAll(world, subject, null),
   xavier: (world, subject, facts, options, draw) => {
     const bound = 6 / Math.sqrt(world.dimension), first = world.random.get(subject.id);
     return random(draw === 1 && first ? first : uniform("xavier", subject.name, draw, world.dimension).map((value) => value * 2 * bound - bound));
@@ -35,36 +35,12 @@ const INITIALIZERS = {
       needs: "both",
       weigh: () => {
         const similar = Array.from(topK(cosines(subject), named(world, subject), candidates), Boolean);
-        return topK(relationalScore(world, facts).score, similar, k);
+        return topK(relationalScore(world, facts), similar, k);
       },
     },
     { needs: "facts", weigh: () => related(world, subject, facts, k) },
     { needs: "words", weigh: () => topK(cosines(subject), named(world, subject), k) },
   ]),
-  mean: (world, subject, facts) => meanOfFirst(world, subject, facts, [
-    { needs: "nothing", weigh: () => allKnown(world, subject) },
-  ]),
-  kind_mean: (world, subject, facts) => meanOfFirst(world, subject, facts, [
-    {
-      needs: "nothing",
-      weigh: () => allKnown(world, subject).map((known, id) => known * Number(world.kind[id] === subject.kind)),
-    },
-  ]),
-  soft_hybrid: (world, subject, facts, { word_weight: byWords, relation_weight: byRelations }) => {
-    const { score, relations } = relationalScore(world, facts), { eligible } = subject.before;
-    const near = score.map((value) => (byRelations * value) / relations);
-    const similar = subject.cosines?.map((value) => byWords * value) ?? score;
-    return meanOfFirst(world, subject, facts, [
-      { needs: "both", weigh: () => softmax(near.map((value, id) => value + similar[id]), named(world, subject)) },
-      { needs: "facts", weigh: () => softmax(near, eligible) },
-      { needs: "words", weigh: () => softmax(similar, named(world, subject)) },
-    ]);
-  },
-  map: (world, subject, facts, options) => {
-    const prior = INITIALIZERS.soft_hybrid(world, subject, facts, options, 0);
-    const vector = mostProbable(world, subject, facts, prior.vector, options);
-    return { vector, weights: prior.weights, fallback: facts.length ? null : prior.fallback };
-  },
 };
 
 /** @param {Float64Array} vector @returns {Result} */
@@ -90,7 +66,7 @@ const cosines = (subject) => subject.cosines ?? new Float64Array();
 const named = (world, subject) => subject.before.eligible.map((may, id) => may && world.worded[id]);
 
 /** @param {World} world @param {Subject} subject @param {Fact[]} facts @param {number} k */
-const related = (world, subject, facts, k) => topK(relationalScore(world, facts).score, subject.before.eligible, k);
+const related = (world, subject, facts, k) => topK(relationalScore(world, facts), subject.before.eligible, k);
 
 /** @param {World} world @param {Subject} subject @param {number[]} given places in the subject's facts
  * @param {string} name @param {number} dial */

@@ -32,12 +32,11 @@ export function insertion(world, subject, given, choice) {
   };
 }
 
-/** Ids of entities by weight, largest first, without those below half a per cent; none if it is the mean of all.
+/** Ids of the entities whose mean it is; none if these are all.
  * @param {Subject} subject @param {Float64Array | null} weights */
 function indicatorsOf({ before }, weights) {
-  const listed = Array.from(weights ?? [], (weight, id) => ({ id, weight })).filter(({ weight }) => weight > 0.005);
-  const even = listed.every(({ weight }) => weight === listed[0].weight);
-  return even && listed.length === before.known.length ? [] : listed.sort((a, b) => b.weight - a.weight || a.id - b.id);
+  const listed = Array.from(weights ?? []).flatMap((weight, id) => (weight ? [id] : []));
+  return listed.length === before.known.length ? [] : listed;
 }
 
 /** The queries of an entity: those with true answers, then those that half of its kind have, most frequent first.
@@ -61,7 +60,7 @@ export function queriesOf(world, subject) {
  * @param {Subject} subject @param {number[]} given */
 export function relationalRanks(world, subject, given) {
   if (!given.length) return null;
-  const { score } = relationalScore(world, given.map((place) => subject.facts[place]));
+  const score = relationalScore(world, given.map((place) => subject.facts[place]));
   return new Map(ranked(score, subject.before.known).map((id, place) => [id, place + 1]));
 }
 

@@ -12,10 +12,10 @@ import { address, choiceOf, parse } from "./state.js";
 
 const world = decode(JSON.parse(at("data", HTMLElement).textContent ?? ""));
 const box = at("box", HTMLElement), start = subjectOf(world, world.start);
-const [first, second] = ["map", "xavier"].map((name, number) =>
-  choiceOf(world, world.initializers.some((one) => one.name === name) ? name : world.initializers[number].name));
+const choices = ["ers", "mean"].map((name) =>
+  choiceOf(world, world.initializers.some((one) => one.name === name) ? name : world.initializers[0].name));
 /** @type {State} */
-let state = { subject: start, given: start.offered, choices: [first, second] };
+let state = { subject: start, given: start.offered, choices };
 /** @type {Map<string, Insertion>} */
 const made = new Map();
 

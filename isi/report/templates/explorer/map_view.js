@@ -7,7 +7,7 @@ import { placeOf } from "./insertion.js";
 /** @import { Insertion } from "./insertion.js" */
 /** @import { State } from "./state.js" */
 
-const [WIDTH, HEIGHT, LEFT, EDGE] = [640, 460, 40, 16], REACH = 30, MOST_LINES = 40, FONT = 12;
+const [WIDTH, HEIGHT, LEFT, EDGE] = [640, 460, 40, 16], REACH = 30, FONT = 12;
 
 /** @param {World} world */
 export function makeMap(world) {
@@ -74,9 +74,9 @@ export function makeMap(world) {
       if (marks[number]) mark.style.transform = `translate(${marks[number].map((value) => `${value}px`).join()})`;
     });
     drawAxes(far, low, high, onto, size, bottom);
-    layer.lines.replaceChildren(...shown.flatMap((one, number) => lined(one).map(({ id, weight }) => svg("path", {
-      class: number ? "ex-second" : "ex-first", d: `M${places[id].join(" ")}L${marks[number].join(" ")}`, opacity: Math.min(1, 0.25 + weight * 2) }))));
-    drawNames([...new Set(shown.flatMap(lined).map(({ id }) => id))], size, bottom);
+    layer.lines.replaceChildren(...shown.flatMap(({ indicators }, number) => indicators.map((id) => svg("path", {
+      class: number ? "ex-second" : "ex-first", d: `M${places[id].join(" ")}L${marks[number].join(" ")}` }))));
+    drawNames([...new Set(shown.flatMap(({ indicators }) => indicators))], size, bottom);
     if (active >= 0) point(there.has(active) ? active : -1);
   }
 
@@ -117,6 +117,3 @@ function ticks(low, high) {
 
 /** @param {number} value */
 const shortest = (value) => String(Number(value.toPrecision(3))).replace("-", "−");
-
-/** The indicators that have lines. @param {Insertion} shown */
-const lined = ({ indicators }) => (indicators.length > MOST_LINES ? [] : indicators);

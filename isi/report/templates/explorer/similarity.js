@@ -3,10 +3,10 @@ import { add, dot, unit } from "./linear_algebra.js";
 import { invert, transform } from "./model.js";
 
 /** @import { Fact, Subject, World } from "./data.js" */
-/** A vector; weights of the entities whose mean it (or MAP's prior) is; what was used for lack of data.
+/** A vector; weights of the entities whose mean it is; what was used for lack of data.
  * @typedef {{vector: Float64Array, weights: Float64Array | null, fallback: string | null}} Result */
 /** Weights of entities, by the data that they need.
- * @typedef {{needs: "words" | "facts" | "both" | "nothing", weigh: () => Float64Array}} Way */
+ * @typedef {{needs: "words" | "facts" | "both", weigh: () => Float64Array}} Way */
 
 /** The vectors of Θ⁰ with length 1, computed once. @type {WeakMap<World, Float64Array[]>} */
 const DIRECTIONS = new WeakMap();
@@ -18,7 +18,7 @@ function directions(world) {
   return made;
 }
 
-/** Σ_r cos(v_e, ᾱ_r) over the relations of facts, and their number; ᾱ_r: mean of where they expect the entity.
+/** Σ_r cos(v_e, ᾱ_r) over the relations of facts; ᾱ_r: mean of where they expect the entity.
  * @param {World} world @param {Fact[]} facts */
 export function relationalScore(world, facts) {
   const { entity, map } = world.theta0, means = new Map();
@@ -30,7 +30,7 @@ export function relationalScore(world, facts) {
   const units = [...means.values()].map(unit);
   const score = new Float64Array(entity.length);
   directions(world).forEach((v, id) => { for (const mean of units) score[id] += dot(mean, v); });
-  return { score, relations: Math.max(units.length, 1) };
+  return score;
 }
 
 /** 1 for the k of highest score among ``eligible``, ties to the lower id, else 0.
@@ -42,30 +42,24 @@ export function topK(score, eligible, k) {
   return weights;
 }
 
-/** @param {Float64Array} score @param {boolean[]} eligible */
-export function softmax(score, eligible) {
-  const highest = Math.max(...score.filter((_, id) => eligible[id]));
-  return score.map((value, id) => (eligible[id] ? Math.exp(value - highest) : 0));
-}
-
 /** The mean by the first of ``ways`` that has its data, else of all known. @param {World} world
  * @param {Subject} subject @param {Fact[]} facts @param {Way[]} ways @returns {Result} */
 export function meanOfFirst(world, subject, facts, ways) {
-  const has = { words: subject.cosines !== null, facts: facts.length > 0, both: false, nothing: true };
+  const has = { words: subject.cosines !== null, facts: facts.length > 0, both: false };
   has.both = has.words && has.facts;
   for (const [place, { needs, weigh }] of ways.entries()) {
     const weights = has[needs] ? weigh() : new Float64Array();
     const fallback = place === 0 ? null : needs === "words" ? "words alone" : "facts alone";
     if (weights.some((weight) => weight !== 0)) return meanOf(world, weights, fallback);
   }
-  return meanOf(world, allKnown(world, subject), "the centre of all known entities");
+  return meanOfAll(world, subject, "the centre of all known entities");
 }
 
-/** @param {World} world @param {Subject} subject */
-export function allKnown(world, subject) {
+/** @param {World} world @param {Subject} subject @param {string | null} fallback @returns {Result} */
+export function meanOfAll(world, subject, fallback) {
   const weights = new Float64Array(world.names.length);
   for (const id of subject.before.known) weights[id] = 1;
-  return weights;
+  return meanOf(world, weights, fallback);
 }
 
 /** @param {World} world @param {Float64Array} weights @param {string | null} fallback @returns {Result} */
