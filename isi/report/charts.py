@@ -136,10 +136,10 @@ def dots(
         for (name, column), shift in zip(columns.items(), shifts, strict=True):
             style, at = style_of(name, names), np.arange(len(labels)) + shift
             colours = [(style if many else style_of(label, labels))["color"] for label in labels]
-            ends = (frame.get(f"{column} {end}", frame[column]) for end in ("low", "high"))
-            axes.hlines(at, *ends, colors=colours, alpha=0.7)
+            low, high = (frame.get(f"{column} {end}", frame[column]) for end in ("low", "high"))
+            axes.hlines(at, low, high, colors=colours, alpha=0.7)
             shown, mark = (name, style["marker"]) if many else ("", "o")
-            axes.scatter(frame[column], at, 45, colours, mark, label=shown)
+            axes.scatter(frame[column], at, 45, colours, marker=mark, label=shown)
             values += [
                 Value(cells[column], place, str(cells[row]), shown, _text(cells, column))
                 for place, cells in zip(at, frame.to_dict("records"), strict=True)
