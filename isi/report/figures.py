@@ -27,7 +27,7 @@ def answer(frame: pd.DataFrame) -> list[Panel]:
     """The parts of the gain on each graph, in both groups together and about novel entities."""
     groups = frame.groupby(["scope", "graph"], sort=False)
     ordered = sorted(groups, key=_scope_first)
-    return [bars(rows, titled(graph, SCOPES[scope])) for (scope, graph), rows in ordered]
+    return [bars(rows, titled(graph, SCOPES[str(scope)])) for (scope, graph), rows in ordered]
 
 
 def _scope_first(group: tuple[Any, Any]) -> int:
