@@ -179,8 +179,12 @@ class InsertionRuns:
 
 def insert_over(tasks: Sequence[InsertTask], compute: Compute, name: str) -> InsertionRuns:
     """Run tasks of one experiment and one config, and join their results."""
-    results = run(insert_stack, tasks, compute, name)
     grid = [points for points, *_ in tasks]
+    return join(grid, run(insert_stack, tasks, compute, name), name)
+
+
+def join(grid: Sequence[GridPoints], results: Sequence[StackResult], name: str) -> InsertionRuns:
+    """The results of one config at all stacks of grid points, with scope ``weighted``."""
     shares = known_shares(grid)
     vectors = dict[int, list[Tensor]]()
     for points, result in zip(grid, results, strict=True):

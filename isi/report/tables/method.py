@@ -45,7 +45,7 @@ Setting = Mapping[str, float]
 @table("report")
 def graph_totals(results: Results) -> pd.DataFrame:
     """Counts of each graph beside those that the paper states."""
-    paper, columns = results.paper["graph"], dict[str, dict[str, int]]()
+    paper, columns = results.paper["graph"], dict[str, dict[Any, int]]()
     for experiment in results.standalone:
         entities, triples = experiment.entities, experiment.triples
         kinds = entities["kind"].value_counts()
