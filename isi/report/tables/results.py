@@ -299,11 +299,7 @@ def transfer_immediate(results: Results, experiment: Experiment) -> pd.DataFrame
     of_paper = experiment is results.on(papers=True, extended=True)
     theirs = results.paper["transfer"] if of_paper else {}
     statistics, rows = experiment.statistics(), list[Line]()
-<<<<<<< HEAD
     epochs = epochs_summary(experiment.convergence, ["model"]) if experiment.finetuned else None
-=======
-    epochs = epochs_summary(experiment.convergence, ["model"])
->>>>>>> w-report
     for model in experiment.rows:
         row: Line = {"model": experiment.models.labels[model]}
         row |= bounded("weighted: MRR", statistics.weighted(model))
