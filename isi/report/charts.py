@@ -139,7 +139,7 @@ def dots(
             low, high = (frame.get(f"{column} {end}", frame[column]) for end in ("low", "high"))
             axes.hlines(at, low, high, colors=colours, alpha=0.7)
             shown, mark = (name, style["marker"]) if many else ("", "o")
-            axes.scatter(frame[column], at, 45, colours, marker=mark, label=shown)
+            axes.scatter(frame[column], at, s=45, c=colours, marker=mark, label=shown)
             values += [
                 Value(cells[column], place, str(cells[row]), shown, _text(cells, column))
                 for place, cells in zip(at, frame.to_dict("records"), strict=True)
