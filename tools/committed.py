@@ -42,7 +42,7 @@ def compared(metrics: Mapping[str, Any], before: Mapping[str, Any]) -> str:
         largest = apart.idxmax()
         new, old = both.loc[largest]
         line += f"; the largest difference is {apart[largest]:.2g}, in {largest}: "
-        line += f"{new:g} instead of {old:g} (docs/change.md: go back)"
+        line += f"{new:g} instead of {old:g} (docs/reproduce.md: go back)"
     alone = len(numbers) - len(both)
     return f"{line}; {alone} are in one report only" if alone else line
 

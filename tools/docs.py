@@ -58,11 +58,7 @@ CLOSE = {"rel_tol": 0.02, "abs_tol": 0.011}
 
 def pages(root: Path = ROOT) -> list[Path]:
     """The documents that may have marked places."""
-    return [
-        root / "README.md",
-        *sorted((root / "docs").glob("*.md")),
-        *sorted((root / "docs" / "you-have").glob("*.md")),
-    ]
+    return [root / "README.md", *sorted((root / "docs").glob("*.md"))]
 
 
 def filled(page: str, root: Path = ROOT) -> str:

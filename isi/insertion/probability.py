@@ -47,7 +47,7 @@ def fit_curves(draws: HiddenDraws, method: Method) -> Curves | None:
     the draw. Insert triples are left out. None with too few right answers, or if the initializer
     has no finite vectors.
 
-    docs/insert_reference.md has calibration errors on entities that PyKEEN never saw. One curve for
+    docs/insert.md has calibration errors on entities that PyKEEN never saw. One curve for
     all relations has nearly the same log loss, but fewer of its answers above .9 are right; curves
     for each direction are no better.
     """

@@ -384,7 +384,7 @@ class Inserted:
         A triple counts as an answer to a query about the new entity, (new, relation, ?) or (?,
         relation, known), that has a right answer; the probability is the share of right answers
         among answers of equal score. If the relation may have no answer for the entity, it is too
-        high. docs/insert_reference.md says how well it holds.
+        high. docs/insert.md says how well it holds.
 
         Args:
             triples: names or ids in any form that ``isi.insert`` accepts, each with a new entity;

@@ -69,15 +69,18 @@ def _quantile(seeds: Any) -> Any:
     return stdtrit(np.where(np.asarray(seeds) > 1, np.asarray(seeds) - 1, np.nan), 0.975)
 
 
-def means_without_each(cells: pd.DataFrame) -> np.ndarray:
+def means_without_each(cells: pd.DataFrame, pooled: bool = False) -> np.ndarray:
     """Means of the columns over S seeds (rows): of all of them, then without each; shape
-    (1 + S, columns). Nulls are left out.
+    (1 + S, columns). Nulls are left out. ``pooled``: the mean over all values, shape (1 + S,).
     """
     values = cells.to_numpy(float)
     weights = np.vstack([np.ones(len(values)), 1 - np.eye(len(values))])
     present = ~np.isnan(values)
+    sums, numbers = weights @ np.where(present, values, 0.0), weights @ present
+    if pooled:
+        sums, numbers = sums.sum(axis=1), numbers.sum(axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):  # all are null
-        means: np.ndarray = weights @ np.where(present, values, 0.0) / (weights @ present)
+        means: np.ndarray = sums / numbers
     return means
 
 

@@ -3,6 +3,7 @@ novel entities (sections 6.1 to 6.3).
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import pandas as pd
@@ -27,7 +28,12 @@ class Statistics:
     """Runs of one experiment. Arrays have S + 1 rows: of all seeds, and without each of them."""
 
     immediate: pd.DataFrame  #: right after insertion: model, scope, size, seed and value, in points
-    epochs: pd.DataFrame  #: to convergence: model, size, seed and epochs
+    epochs: pd.DataFrame  #: to convergence: model, size, seed, epochs and converged
+
+    @cached_property
+    def ended(self) -> "Statistics":
+        """The same of the runs that end alone, the second form of a mean of epochs."""
+        return Statistics(self.immediate, self.epochs[self.epochs["converged"]])
 
     def weighted(self, model: str) -> Estimate:
         """The mean over both groups, by the share of each (section 6.1)."""
@@ -63,11 +69,11 @@ class Statistics:
         return jackknife(100 * (1 - self._mean(model, "known") / others))
 
     def mean_epochs(self, model: str) -> Estimate:
-        """Mean epochs to convergence over sizes and seeds (Table 2)."""
+        """Mean epochs to convergence over runs (Table 2)."""
         return jackknife(self._epochs(model))
 
     def deviation(self, model: str) -> Estimate:
-        """Standard deviation of the epochs to convergence over sizes and seeds (Table 2)."""
+        """Standard deviation of the epochs to convergence over runs (Table 2)."""
         squares, means = self._epochs(model, power=2), self._epochs(model)
         number = int((self.epochs["model"] == model).sum())
         variance = (squares - means**2).clip(min=0) * number / max(number - 1, 1)
@@ -91,9 +97,9 @@ class Statistics:
         return _over_sizes(self._by_size(model, scope))
 
     def _epochs(self, model: str, power: int = 1) -> np.ndarray:
-        """Mean epochs over seeds and sizes, or of a power of them; shape (1 + S,)."""
+        """Mean epochs over all runs, or of a power of them; shape (1 + S,)."""
         cells = by_seed_and_size(self.epochs, model, "epochs") ** power
-        return _over_sizes(means_without_each(cells))
+        return means_without_each(cells, pooled=True)
 
 
 def _over_sizes(means: np.ndarray) -> np.ndarray:
