@@ -37,11 +37,9 @@ from tests.small_bundle import (
     TRIPLES,
     VECTORS,
     home_of,
-    small,
     without_words,
     write_lists,
     write_openke,
-    written,
 )
 
 FIRST, *RECIPES = (DOCS / "you-have.md").read_text(encoding="utf-8").split("\n## ")
@@ -135,18 +133,6 @@ def write_libkge(relations: np.ndarray = LABELS) -> None:
         )
 
 
-def write_pipelines_files() -> None:
-    """A bundle with the names of the page where the pipeline writes one."""
-    names = ["kitchen", "counter top", *NAMES[2:]]
-    relations = {
-        "relation_names": [*BETWEEN, "hasMaterial"],
-        "relations": np.eye(3, 4, dtype=np.float32),
-    }
-    written(
-        Path("data/final_models/ai2thor"), small(entity_names=names, phrases=names, **relations)
-    )
-
-
 def write_tables() -> None:
     """A table of triples, with kinds, and the tables of another trainer."""
     for path in (DOCS.parent / "examples").glob("home*.csv"):
@@ -162,7 +148,6 @@ PREPARE: dict[str, Callable[[], None]] = {
     "PyTorch-BigGraph": write_biggraph,
     "command": write_tables,
     "dicee": write_dicee,
-    "insert": write_pipelines_files,
     "live": write_home,
     "OpenKE": write_checkpoints,
     "LibKGE": write_libkge,
