@@ -9,7 +9,7 @@ from dataclasses import replace
 import pandas as pd
 
 from isi.experiment.breakdown import QUERY_BREAKDOWN, write_queries
-from isi.experiment.insert import Inserted, insert_over, insert_tasks, is_listed
+from isi.experiment.insert import InsertionRuns, insert_over, insert_tasks, is_listed
 from isi.experiment.runner import stack_height
 from isi.experiment.store import INITIAL_VECTORS, MEASURE_CHANGES, RUNS, Store
 from isi.stage import StageContext, stage
@@ -34,7 +34,7 @@ def insert(context: StageContext, experiment: str, initializer: str) -> None:
     else:
         print(f"{experiment} does not list {initializer}: no insertion, tables without rows")
         tables = RUNS, MEASURE_CHANGES, QUERY_BREAKDOWN
-        result = Inserted({}, *(concat(list[pd.DataFrame](), table) for table in tables))
+        result = InsertionRuns({}, *(concat(list[pd.DataFrame](), table) for table in tables))
     tensors = {f"size={size:02d}": vectors for size, vectors in result.vectors.items()}
     INITIAL_VECTORS.write(tensors, context.stage, experiment=experiment, initializer=initializer)
     names = {"experiment": experiment, "model": initializer}

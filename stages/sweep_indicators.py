@@ -8,8 +8,8 @@ import pandas as pd
 
 from isi.analyses.finetuning import INDICATOR_SWEEP
 from isi.errors import InputError
-from isi.experiment.insert import insert_over, insert_tasks
-from isi.experiment.runner import stack_height
+from isi.experiment.insert import InsertTask, insert_stack, insert_tasks, join
+from isi.experiment.runner import run, stack_height
 from isi.experiment.store import Store
 from isi.stage import StageContext, stage
 from isi.tables import paths
@@ -29,13 +29,17 @@ def sweep_indicators(context: StageContext, experiment: str, initializer: str) -
             f"expected a k up to sweep.initializers.{initializer}.candidates",
         )
     grid = store.grid(stack_height(params.compute), sweep.size, sweep.seeds)
-    model, runs = params.model_of(), list[pd.DataFrame]()
+    model, tasks = params.model_of(), list[InsertTask]()
     for k in sizes:
         config = params.insert_config(initializer, options={**options, "k": k})
         config = replace(config, finetuned=sweep.finetuned_seeds)
-        tasks = insert_tasks(store, model, grid, config)
-        result = insert_over(tasks, params.compute, f"{experiment}, {initializer}, k = {k}")
-        runs.append(result.runs.assign(k=k))
+        tasks += insert_tasks(store, model, grid, config)
+    name = f"{experiment}, {initializer}"
+    results = run(insert_stack, tasks, params.compute, name)
+    runs = list[pd.DataFrame]()
+    for place, k in enumerate(sizes):
+        of_size = results[place * len(grid) : (place + 1) * len(grid)]
+        runs.append(join(grid, of_size, f"{name}, k = {k}").runs.assign(k=k))
     INDICATOR_SWEEP.write(
         pd.concat(runs), context.stage, experiment=experiment, initializer=initializer
     )

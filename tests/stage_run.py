@@ -16,7 +16,7 @@ from isi.tables import paths
 from tools.workspace import change
 
 ROOT = Path(__file__).parent.parent
-NAME = "paper"
+NAME, SOURCE = "paper", "published"
 SMALL: dict[str, Any] = {
     f"experiments.{NAME}.sessions.seeds": 2,
     f"experiments.{NAME}.sessions.sizes": [1, 2],
@@ -37,7 +37,7 @@ SMALL: dict[str, Any] = {
     "words.text": "glove",
 }
 STAGES = (
-    "mine published",
+    f"mine {SOURCE}",
     f"build_graph {NAME}",
     f"embed_words {NAME}",
     f"make_sessions {NAME}",

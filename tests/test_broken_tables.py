@@ -16,7 +16,7 @@ from isi.tables.table import Table
 from tests import stage_run
 from tests.broken_tables import CASES, TENSOR_CASES, Tensors
 from tests.example_tables import Change, change_table, change_tensors
-from tests.stage_run import NAME, for_a_while
+from tests.stage_run import NAME, SOURCE, for_a_while
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +29,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def read_all() -> None:
     """Read the tables and tensors of the small run, as stages do."""
     for table in (OBSERVATIONS, KINDS):
-        table.read(source=NAME)
+        table.read(source=SOURCE)
     store, params = Store(NAME), load()
     runs = RUNS.read(experiment=NAME, model="joint")
     store.words()
@@ -52,7 +52,7 @@ def test_a_broken_table_is_named_with_what_was_expected(
     made: Path, table: Table, change: Change, pattern: str
 ) -> None:
     with chdir(made):
-        path = table.path(experiment=NAME, source=NAME, model="joint")
+        path = table.path(experiment=NAME, source=SOURCE, model="joint")
         with for_a_while(path, lambda path: change_table(table, path, change)):
             with pytest.raises(InputError, match=pattern) as refused:
                 read_all()

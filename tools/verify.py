@@ -134,7 +134,7 @@ class Session:
     def among(self, entities: Any) -> np.ndarray:
         return np.isin(np.arange(len(self.experiment.words)), entities)
 
-    def scopes(self) -> dict[str, Asked]:
+    def scopes(self) -> dict[str, ScopeQueries]:
         """What the measure asks, by scope; ``weighted`` follows from two of them."""
         learned, heldout = self.train | self.valid, self.valid | self.test
         is_given = np.isin(np.arange(len(self.train)), self.inserted["triple"])
@@ -142,19 +142,21 @@ class Session:
         times = np.where(self.train, self.experiment.counts[relation, head, tail], 1)
         new = (learned | self.test) & ~self.is_old & ~is_given
         old = self.test & self.is_old
-        before, asked_for = learned & self.is_old, self.test & ~is_given
+        before, held_out = learned & self.is_old, self.test & ~is_given
         return {
-            "known": Asked(old, before, self.members),
-            "known_closed": Asked(old, before, self.known),
-            "novel": Asked(times * new, before, self.members),
-            "held_out": Asked(asked_for, learned, self.members),
-            "novel_held_out": Asked(heldout & ~self.is_old & ~is_given, self.train, self.members),
+            "known": ScopeQueries(old, before, self.members),
+            "known_closed": ScopeQueries(old, before, self.known),
+            "novel": ScopeQueries(times * new, before, self.members),
+            "held_out": ScopeQueries(held_out, learned, self.members),
+            "novel_held_out": ScopeQueries(
+                heldout & ~self.is_old & ~is_given, self.train, self.members
+            ),
         }
 
 
 @dataclass
-class Asked:
-    """The queries of a scope: how often each triple is asked, (T,); the triples of the filter of
+class ScopeQueries:
+    """The queries of a scope: how often each triple is queried, (T,); the triples of the filter of
     MRR*, (T,); and the entities that may answer, (E,). MRR leaves out every other true triple.
     """
 
@@ -284,29 +286,31 @@ def terms(
     return star, 1 / (1 + ranks(scores, able[1], answer, tie))
 
 
-def measures(session: Session, scores: np.ndarray, asked: Asked, tie: float = TIE) -> np.ndarray:
+def measures(
+    session: Session, scores: np.ndarray, queries: ScopeQueries, tie: float = TIE
+) -> np.ndarray:
     """``MEASURES`` in [0, 1] of one scope; NaN without queries.
 
     Args:
         scores: of all triples, shape (R, E, E): relation, head, tail.
     """
     triples, counts = session.experiment.triples, session.experiment.counts
-    if not asked.times.any():
+    if not queries.times.any():
         return np.full(6, np.nan)
     true = session.train | session.valid | session.test
     able = []
-    for barred in (asked.filtered, true):
+    for barred in (queries.filtered, true):
         head, relation, tail = triples[barred].T
         allowed = np.ones(counts.shape, bool)
         allowed[relation, head, tail] = False
         able.append(allowed)
-    times = asked.times[asked.times > 0].astype(float)
-    head, relation, tail = triples[asked.times > 0].T
+    times = queries.times[queries.times > 0].astype(float)
+    head, relation, tail = triples[queries.times > 0].T
     places = {"head": (relation, slice(None), tail), "tail": (relation, head)}
     by_end = {}
     for end, answer in (("head", head), ("tail", tail)):
         at = places[end]
-        allowed = tuple(each[at] & asked.candidates for each in able)
+        allowed = tuple(each[at] & queries.candidates for each in able)
         by_end[end] = terms(scores[at], counts[at], allowed, answer, tie)
     columns = (slice(None), head, tail)
     of_relation = terms(
@@ -319,12 +323,12 @@ def measures(session: Session, scores: np.ndarray, asked: Asked, tie: float = TI
     known = triples[true]
     seen = np.bincount(known[:, 1], counts[known[:, 1], known[:, 0], known[:, 2]], len(counts))
     number = np.bincount(relation, times, len(counts))
-    is_asked = number > 0
+    has_queries = number > 0
     values = []
     for which in (0, 1):
         of_ends = times * (by_end["head"][which] + by_end["tail"][which]) / 2
-        means = np.bincount(relation, of_ends, len(counts))[is_asked] / number[is_asked]
-        entity = np.average(means, weights=seen[is_asked])
+        means = np.bincount(relation, of_ends, len(counts))[has_queries] / number[has_queries]
+        entity = np.average(means, weights=seen[has_queries])
         half = np.average(of_relation[which], weights=times)
         values += [(entity + half) / 2, entity, half]
     return np.array(values)
@@ -394,9 +398,9 @@ def immediate_measures(
     tie width of 0.9 or 1.1 ``TIE`` may agree with them.
     """
     rows = {}
-    for scope, asked in session.scopes().items():
+    for scope, queries in session.scopes().items():
         for share in (1, 0.9, 1.1):
-            here = measures(session, scores, asked, share * TIE)
+            here = measures(session, scores, queries, share * TIE)
             rows.setdefault(scope, here)
             if np.allclose(here, there.loc[scope, MEASURES], 0, tolerance, equal_nan=True):
                 rows[scope] = here

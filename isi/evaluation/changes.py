@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Change:
+class MeasureChange:
     """A change of the measure: query sets by group, and the measure that is taken of them."""
 
     title: str
@@ -42,12 +42,14 @@ ALL = "d1"  #: The query set of all triples of D¹.
 LEARNED, ALIKE = "_learned", "_alike"
 
 CHANGES = {
-    "none": Change("the measure", "mrr"),
-    "counts": Change("counts for truth values, and the paper's filter (equation 7)", "mrr_star"),
-    "filter": Change("the paper's filter alone", "mrr", LEARNED),
-    "one_group": Change("all of D¹ in place of the two groups", "mrr", ALL),
-    "triples_alike": Change("triples alike, whatever their relation", "mrr", ALIKE),
-    "entities_alone": Change("entity prediction alone", "mrr_entity"),
+    "none": MeasureChange("the measure", "mrr"),
+    "counts": MeasureChange(
+        "counts for truth values, and the paper's filter (equation 7)", "mrr_star"
+    ),
+    "filter": MeasureChange("the paper's filter alone", "mrr", LEARNED),
+    "one_group": MeasureChange("all of D¹ in place of the two groups", "mrr", ALL),
+    "triples_alike": MeasureChange("triples alike, whatever their relation", "mrr", ALIKE),
+    "entities_alone": MeasureChange("entity prediction alone", "mrr_entity"),
 }
 
 

@@ -168,7 +168,7 @@ def targets_below(joint: JointTargets, margin: float) -> dict[str, list[Target]]
 
 
 @dataclass(frozen=True)
-class Inserted:
+class InsertionRuns:
     """Results of insertion with one config over a grid."""
 
     vectors: dict[int, Tensor]  #: as inserted, by size; shapes: (S, size, d)
@@ -177,10 +177,14 @@ class Inserted:
     queries: pd.DataFrame  #: in those of ``QUERY_BREAKDOWN``
 
 
-def insert_over(tasks: Sequence[InsertTask], compute: Compute, name: str) -> Inserted:
+def insert_over(tasks: Sequence[InsertTask], compute: Compute, name: str) -> InsertionRuns:
     """Run tasks of one experiment and one config, and join their results."""
-    results = run(insert_stack, tasks, compute, name)
     grid = [points for points, *_ in tasks]
+    return join(grid, run(insert_stack, tasks, compute, name), name)
+
+
+def join(grid: Sequence[GridPoints], results: Sequence[StackResult], name: str) -> InsertionRuns:
+    """The results of one config at all stacks of grid points, with scope ``weighted``."""
     shares = known_shares(grid)
     vectors = dict[int, list[Tensor]]()
     for points, result in zip(grid, results, strict=True):
@@ -193,7 +197,9 @@ def insert_over(tasks: Sequence[InsertTask], compute: Compute, name: str) -> Ins
     if len(changes):
         changes = with_weighted_changes(changes, shares)
     queries = concat([result.queries for result in results], QUERY_BREAKDOWN)
-    return Inserted({n: torch.cat(parts) for n, parts in vectors.items()}, runs, changes, queries)
+    return InsertionRuns(
+        {n: torch.cat(parts) for n, parts in vectors.items()}, runs, changes, queries
+    )
 
 
 def initialize(

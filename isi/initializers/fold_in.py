@@ -13,7 +13,7 @@ from isi.graph.graph import HEAD, TAIL
 from isi.initializers.api import INITIALIZERS, InitContext, InitResult, initializer
 from isi.models.losses import Loss
 from isi.random import stream
-from isi.training.rows import Earlier, Facts, Moving, Penalty, Recipe, Tables, Task, fit_tables
+from isi.training.rows import Earlier, Facts, Penalty, Recipe, Tables, Task, fit
 
 #: By the loss of training, how strongly a vector is held at its start: weight of the mean square of
 #: its distance, in the unit of the known coordinates, by that of one fact. It counts where facts
@@ -100,21 +100,21 @@ def _trained(
 ) -> tuple[Tensor, Tensor]:
     """Vectors of the new entities of a model, (n, d), and the rows of new relations, (q, w)."""
     rows, relation = _rows(context, model, start), context.theta0.relation[model]
-    moving = Moving(len(rows.fixed), len(relation) - context.new_relations)
+    known = len(relation) - context.new_relations
     tables = Tables(
         rows.fixed,
         start.clone().requires_grad_(),
-        relation[: moving.relation],
-        relation[moving.relation :].clone().requires_grad_(),
+        relation[:known],
+        relation[known:].clone().requires_grad_(),
     )
     if len(rows.facts.triples):
         held = pull * HELD[context.scale.training.name] / rows.facts.weight.sum().item()
         penalty = _pull(start, held / rows.unit**2) if pull else None
         earlier = Earlier(rows.earlier, share) if share else None
-        task = Task(rows.facts, moving, earlier, penalty, context.tails_only)
+        task = Task(rows.facts, earlier, penalty, context.tails_only)
         recipe = _recipe(context, len(rows.facts.triples), rate * rows.unit)
         rng = stream(context.root, "fold-in", *context.keys[model].tolist())
-        fit_tables(context.theta0.model, tables, task, recipe, epochs, rng)
+        fit(context.theta0.model, tables, task, recipe, epochs, rng)
     vectors = torch.where(rows.has_facts[:, None], tables.entity, start)
     return vectors.detach(), tables.relation.detach()
 

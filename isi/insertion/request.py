@@ -188,7 +188,7 @@ def checked_request(known: KnownEmbedding, request: InsertRequest) -> Checked:
     added = np.zeros((labels.number - old, relations.shape[1]), relations.dtype)
     relations = np.concatenate([relations, added])
     triples = triples_of(request.triples, "triples", names, labels)
-    known_triples = triples_of(_listed(known.triples), "known_triples", names, labels)
+    known_triples = triples_of(_or_empty(known.triples), "known_triples", names, labels)
     _check_sides(triples, known_triples, (number, old, number), names, labels)
     if names.number == number and labels.number == old:
         raise InputError("argument 'new'", "", "expected at least one new entity")
@@ -205,14 +205,14 @@ def checked_request(known: KnownEmbedding, request: InsertRequest) -> Checked:
         entity_keys=request.entity_keys,
         confidence=_confidence(request.confidence, len(triples)),
     )
-    held_out = triples_of(_listed(request.validation), "validation", known_names, known_labels)
+    held_out = triples_of(_or_empty(request.validation), "validation", known_names, known_labels)
     checked = Checked(rows, relations, names, labels, novel, held_out)
     if request.initializer is None and not request.allow_without_facts:
         checked.refuse_without_facts()
     return checked
 
 
-def _listed(triples: TripleForms | None) -> TripleForms:
+def _or_empty(triples: TripleForms | None) -> TripleForms:
     return [] if triples is None else triples
 
 

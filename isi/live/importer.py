@@ -146,19 +146,19 @@ def read_tables(folder: Path, model: str) -> tuple[list[Path], list[np.ndarray]]
 
     InputError unless there is one of each.
     """
-    found: dict[str, list[tuple[Path, str, np.ndarray]]] = {slot: [] for slot in SLOTS}
+    tables_of: dict[str, list[tuple[Path, str, np.ndarray]]] = {slot: [] for slot in SLOTS}
     for path in sorted(path for path in folder.iterdir() if path.suffix in FORMS):
         for name, values in read_tensors(path).items():
             for slot in SLOTS:
                 if name in (slot, PYKEEN_NAMES[slot]):
-                    found[slot].append((path, name, values))
+                    tables_of[slot].append((path, name, values))
     files, tables = list[Path](), list[np.ndarray]()
     for slot in SLOTS:
-        if len(found[slot]) != 1:
-            places = ", ".join(path.name for path, *_ in found[slot]) or "none"
+        if len(tables_of[slot]) != 1:
+            places = ", ".join(path.name for path, *_ in tables_of[slot]) or "none"
             expected = f"expected one tensor {slot} in files of {', '.join(FORMS)}, got {places}"
             raise InputError(folder, "", expected)
-        ((path, name, values),) = found[slot]
+        ((path, name, values),) = tables_of[slot]
         with at(path, name):
             tables.append(table_of(values, slot, model, name != slot))
         files.append(path)

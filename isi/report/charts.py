@@ -87,8 +87,8 @@ def lines(
     def draw(axes: Axes) -> list[Value]:
         for each in names:
             rows, style = frame[frame[name] == each], style_of(each, names)
-            some = 0.12 if len(rows) > 1 else None  # of the axes, between marks
-            axes.plot(rows[x], rows[y], **style, label=each, markevery=some)
+            spacing = 0.12 if len(rows) > 1 else None  # of the axes, between marks
+            axes.plot(rows[x], rows[y], **style, label=each, markevery=spacing)
             if each in BANDED:
                 ends = rows.get(f"{y} low", rows[y]), rows.get(f"{y} high", rows[y])
                 axes.fill_between(rows[x], *ends, color=style["color"], alpha=0.13, lw=0)
@@ -136,10 +136,10 @@ def dots(
         for (name, column), shift in zip(columns.items(), shifts, strict=True):
             style, at = style_of(name, names), np.arange(len(labels)) + shift
             colours = [(style if many else style_of(label, labels))["color"] for label in labels]
-            ends = (frame.get(f"{column} {end}", frame[column]) for end in ("low", "high"))
-            axes.hlines(at, *ends, colors=colours, alpha=0.7)
+            low, high = (frame.get(f"{column} {end}", frame[column]) for end in ("low", "high"))
+            axes.hlines(at, low, high, colors=colours, alpha=0.7)
             shown, mark = (name, style["marker"]) if many else ("", "o")
-            axes.scatter(frame[column], at, 45, colours, mark, label=shown)
+            axes.scatter(frame[column], at, s=45, c=colours, marker=mark, label=shown)
             values += [
                 Value(cells[column], place, str(cells[row]), shown, _text(cells, column))
                 for place, cells in zip(at, frame.to_dict("records"), strict=True)
@@ -191,12 +191,12 @@ def places(frame: pd.DataFrame, title: str, mean: float) -> Panel:
 
     def draw(axes: Axes) -> list[Value]:
         values = list[Value]()
-        for (what, name), rows in frame.groupby(["what", "initializer"], sort=False, dropna=False):
+        for (role, name), rows in frame.groupby(["what", "initializer"], sort=False, dropna=False):
             x, y = rows["distance"].to_numpy(), rows["axis"].to_numpy()
             style = style_of(str(name))
-            if what == "known entity":
+            if role == "known entity":
                 axes.plot(x, y, "o", color=SOFT, ms=3, mew=0)
-            elif what == "indicator":
+            elif role == "indicator":
                 axes.plot(x, y, "o", color=style["color"], ms=6)
             else:
                 axes.plot(x, y, color=style["color"])
@@ -269,9 +269,9 @@ def alone(panel: Panel, name: str) -> tuple[str, dict[str, Any]]:
 
 def _by_place(panel: Panel, axes: Axes, values: Sequence[Value]) -> list[Any]:
     """Where each place is, its name, and the names and texts of its values, from above."""
-    found = dict[str, Any]()
+    by_place = dict[str, Any]()
     for value in sorted(values, key=attrgetter("y"), reverse=panel.by == "x"):
         x, y = axes.transData.transform((value.x, value.y))
         at = round(x if panel.by == "x" else panel.height - y)
-        found.setdefault(value.place, [at, value.place, []])[2].append([value.name, value.text])
-    return sorted(found.values())
+        by_place.setdefault(value.place, [at, value.place, []])[2].append([value.name, value.text])
+    return sorted(by_place.values())

@@ -27,7 +27,7 @@ def answer(frame: pd.DataFrame) -> list[Panel]:
     """The parts of the gain on each graph, in both groups together and about novel entities."""
     groups = frame.groupby(["scope", "graph"], sort=False)
     ordered = sorted(groups, key=_scope_first)
-    return [bars(rows, titled(graph, SCOPES[scope])) for (scope, graph), rows in ordered]
+    return [bars(rows, titled(graph, SCOPES[str(scope)])) for (scope, graph), rows in ordered]
 
 
 def _scope_first(group: tuple[Any, Any]) -> int:
@@ -41,7 +41,7 @@ def figure3a(frame: pd.DataFrame) -> list[Panel]:
     made = list[Panel]()
     for scope in ("weighted", "novel", "known"):
         for graph, rows in by_graph(shown[shown["scope"] == scope]):
-            made.append(lines(rows, "size", "MRR", titled(graph, SCOPES[scope])))
+            made.append(lines(rows, "size", "MRR", titled(graph, SCOPES[str(scope)])))
     return made
 
 
@@ -66,7 +66,7 @@ def _curves(frame: pd.DataFrame, scopes: Sequence[str], y: str) -> list[Panel]:
             joint, drawn = rows[rows["model"] == "Joint"], rows[rows["model"] != "Joint"]
             level = ("Joint", float(joint[y].mean())) if y == "MRR" else None
             ylabel = "MRR (points)" if y == "MRR" else "change of MRR (points)"
-            title = titled(graph, SCOPES[scope])
+            title = titled(graph, SCOPES[str(scope)])
             made.append(lines(drawn, "epoch", y, title, ylabel=ylabel, level=level))
     return made
 

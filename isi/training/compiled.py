@@ -155,8 +155,8 @@ def _add_loss_gradient(
     _transform_tail(rows, tail, relation, scalars, rows, mapped_tail)
     _relation_gradient(rows, head, tail, scalars, rows, of_relation)
 
-    one = np.float32(1)
-    _add_gradients(rows, gradients, mapped_head, by_mapped_head, tail, one, one)
+    single = np.float32(1)
+    _add_gradients(rows, gradients, mapped_head, by_mapped_head, tail, single, single)
     _add_corrupted(rows, gradients, mapped_head, by_mapped_head, tails, number, times)
     _add_corrupted(rows, gradients, mapped_tail, by_mapped_tail, heads, number, times)
     _add_corrupted(rows, gradients, of_relation, by_of_relation, relations, number, times)

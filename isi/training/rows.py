@@ -1,27 +1,24 @@
-"""Training of rows of one embedding, with gradients of autograd: of all rows, or of new ones alone.
+"""Training of the new rows of one embedding, with gradients of autograd.
 
 The facts of a task are the answers to queries, (h, r, ?) and (?, r, t), or to the first alone.
-``isi.training.trainer`` trains stacks of small graphs; this trains one embedding of any size. The
-objective of new rows is in docs/initializers.md.
+The objective is in docs/initializers.md.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 
 import numpy as np
 import torch
 from torch import Tensor
-from torch.nn.functional import embedding, softplus
+from torch.nn.functional import softplus
 from torch.optim import Adagrad
 
 from isi.graph.graph import HEAD, RELATION, TAIL
-from isi.models.bilinear import BlockModel
 from isi.models.losses import Loss, TrainingLoss
 from isi.models.model import Model
-from isi.models.stack import Embedding, check_finite, usual_torch
-from isi.random import stream
+from isi.models.stack import check_finite
 
 #: Maximum number of earlier facts in a step, to which new entities are wrong answers; and of scores
 #: of new entities as their answers.
@@ -29,8 +26,6 @@ EARLIER, EARLIER_SCORES = 2**10, 2**18
 #: The earlier facts from which these are drawn are at even distances: so many for each new entity,
 #: within these limits.
 FOR_EACH, FEWEST_EARLIER, MOST_EARLIER = 2**8, 2**11, 2**13
-PURPOSE = "training by queries"  #: Of its random streams.
-TINY = 1e-12  #: Smallest modulus whose gradient is computed.
 BUDGET = 2**24  #: Maximum number of scores in a table without gradient.
 SMALL = 2**18  #: Maximum number of coordinates that stay in a processor's cache.
 
@@ -45,9 +40,6 @@ class Recipe:
     loss: Loss
     batch_size: int  #: facts
     learning_rate: float  #: of Adagrad
-    #: weight of the sum of cubed moduli of the vectors of a query, per query (N3, Lacroix et al.
-    #: 2018)
-    n3: float = 0.0
     #: of each fact; None, with ``softmax`` alone: all entities
     negatives: int | None = None
     #: ``TrainingLoss.margin`` and ``.temperature``
@@ -68,14 +60,6 @@ class Facts:
 
 
 @dataclass(frozen=True)
-class Moving:
-    """Which rows are trained: those from these ids on. By default all."""
-
-    entity: int = 0
-    relation: int = 0
-
-
-@dataclass(frozen=True)
 class Earlier:
     """The part of new entities in earlier facts: to each of them they are wrong answers."""
 
@@ -85,63 +69,26 @@ class Earlier:
 
 @dataclass(frozen=True)
 class Task:
-    """One training: on which facts, of which rows, with which other terms of the loss."""
+    """One training: on which facts, with which other terms of the loss."""
 
     facts: Facts
-    moving: Moving = field(default_factory=Moving)
     earlier: Earlier | None = None
     penalty: Penalty | None = None
     #: whether facts ask for tails alone, as with inverse relations
     tails_only: bool = True
 
 
-#: Called after each epoch, with its number.
-OnEpoch = Callable[[int], None]
-
-
-def silent(epoch: int) -> None:
-    """Report nothing."""
-
-
-@usual_torch()
 def fit(
-    theta: Embedding,
-    task: Task,
-    recipe: Recipe,
-    epochs: int,
-    root: int,
-    key: tuple[int, ...] = (),
-    on_epoch: OnEpoch = silent,
-) -> Embedding:
-    """Train one embedding, (1, E, d), for some epochs of a task.
-
-    Args:
-        root, key: of the random streams of the order of facts and of negatives.
-
-    Returns:
-        the trained embedding; rows that do not move are the same numbers; without
-        facts none moves.
-
-    Raises:
-        NotFinite: training diverged.
-    """
-    tables = Tables.of(theta, task.moving, recipe)
-    if not tables.trained or not len(task.facts.triples):
-        return theta
-    fit_tables(theta.model, tables, task, recipe, epochs, stream(root, PURPOSE, *key), on_epoch)
-    return tables.embedding(theta)
-
-
-def fit_tables(
     model: Model,
     tables: Tables,
     task: Task,
     recipe: Recipe,
     epochs: int,
     rng: np.random.Generator,
-    on_epoch: OnEpoch = silent,
 ) -> None:
-    """``fit``, in place, of rows that are apart from those that stay."""
+    """Train the new rows of ``tables``, in place, for some epochs of a task;
+    ``NotFinite`` if that diverges.
+    """
     optimizer = Adagrad(tables.trained, lr=recipe.learning_rate)
     loss = Objective(model, tables, task, recipe)
     for epoch in range(1, epochs + 1):
@@ -151,30 +98,16 @@ def fit_tables(
             optimizer.step()
             tables.constrain(model)
         check_finite(tuple(table[None] for table in tables.trained), f"vectors after epoch {epoch}")
-        on_epoch(epoch)
 
 
 @dataclass(frozen=True)
 class Tables:
-    """The rows of entities and relations: fixed ones, then those that are trained."""
+    """The rows of entities and relations: known ones, then those that are trained."""
 
     fixed_entity: Tensor
     entity: Tensor
     fixed_relation: Tensor
     relation: Tensor
-    #: whether gradients of entities have the rows that a step reads alone
-    sparse: bool = False
-
-    @classmethod
-    def of(cls, theta: Embedding, moving: Moving, recipe: Recipe) -> Tables:
-        entity, relation = theta.entity[0], theta.relation[0]
-        return cls(
-            entity[: moving.entity],
-            entity[moving.entity :].clone().requires_grad_(),
-            relation[: moving.relation],
-            relation[moving.relation :].clone().requires_grad_(),
-            sparse=recipe.negatives is not None and not moving.entity,
-        )
 
     @property
     def trained(self) -> list[Tensor]:
@@ -187,21 +120,11 @@ class Tables:
 
     def entity_rows(self, ids: Tensor) -> Tensor:
         """Vectors of entities, (..., d)."""
-        if self.sparse:
-            return embedding(ids, self.entity, sparse=True)
         return _rows(self.fixed_entity, self.entity, ids)
 
     def relation_rows(self, ids: Tensor) -> Tensor:
         """Rows of relations, (..., w)."""
         return _rows(self.fixed_relation, self.relation, ids)
-
-    def all_entities(self) -> Tensor:
-        """The vectors of all entities, (E, d)."""
-        return torch.cat([self.fixed_entity, self.entity])
-
-    def all_relations(self) -> Tensor:
-        """The rows of all relations, (R, w)."""
-        return torch.cat([self.fixed_relation, self.relation])
 
     @torch.no_grad()
     def constrain(self, model: Model) -> None:
@@ -209,16 +132,9 @@ class Tables:
         if not model.is_free:
             self.entity.copy_(model.constrain(self.entity))
 
-    @torch.no_grad()
-    def embedding(self, theta: Embedding) -> Embedding:
-        entity, relation = self.all_entities(), self.all_relations()
-        return replace(theta, entity=entity[None], relation=relation[None])
-
 
 def _rows(fixed: Tensor, moving: Tensor, ids: Tensor) -> Tensor:
     """Rows of two tables, one below the other."""
-    if not len(fixed):
-        return moving[ids]
     if not len(moving):
         return fixed[ids]
     moves = ids >= len(fixed)
@@ -237,7 +153,7 @@ class Objective:
         self.slots = (TAIL,) if task.tails_only else (TAIL, HEAD)
         #: by slot, log Σ exp(score) of the fixed answers to the query of each fact, (T,)
         self.fixed: dict[int, Tensor] = {}
-        if len(tables.fixed_entity) and self.is_exact:
+        if self.is_exact:
             self.fixed = {slot: self._of_fixed(slot) for slot in self.slots}
         earlier = task.earlier or Earlier(task.facts.triples[:0])
         self.share = earlier.share / task.facts.weight.sum().item()
@@ -258,7 +174,7 @@ class Objective:
 
     def of(self, place: Tensor, rng: np.random.Generator) -> Tensor:
         """The mean loss of some facts, at places (B,), with all other terms."""
-        task, recipe, tables = self.task, self.recipe, self.tables
+        task, tables = self.task, self.tables
         triples, weight = task.facts.triples[place], task.facts.weight[place]
         relation = tables.relation_rows(triples[:, RELATION])
         ends = {
@@ -274,9 +190,6 @@ class Objective:
                 given, answer = ends[HEAD + TAIL - slot], triples[:, slot]
                 losses = losses + self._sampled(slot, given, relation, answer, right, rng)
         loss = (weight * losses).sum() / weight.sum()
-        if recipe.n3:
-            cubes = sum(cubed(self.model, rows) for rows in (*ends.values(), relation))
-            loss = loss + recipe.n3 * cubes / len(place)
         for slot, known in self.known.items():
             loss = loss + self.share * known.number * self._of_known(slot, known, rng)
         if task.penalty is not None:
@@ -425,12 +338,3 @@ def _scores_of(model: Model, tables: Tables, triples: Tensor) -> Tensor:
         entity, relations = tables.fixed_entity, tables.fixed_relation
         scores.append(model.score(entity[head], relations[relation], entity[tail]))
     return torch.cat(scores)
-
-
-def cubed(model: Model, vectors: Tensor) -> Tensor:
-    """Σ |x|³ over coordinates of vectors, (..., d), with the modulus of a complex coordinate."""
-    if not isinstance(model, BlockModel):
-        return vectors.abs().pow(3).sum()
-    scalars, first, second = model.parts(vectors)
-    square = (first.square() + second.square()).clamp(min=TINY)
-    return scalars.abs().pow(3).sum() + square.pow(1.5).sum()

@@ -186,7 +186,7 @@ class Experiment(Runs):
     @classmethod
     def read(cls, params: "Params", models: Models, name: str) -> Self:
         """The tables of an experiment; ``InputError`` where one is missing or broken."""
-        own, initializers = params.of(name), params.initializers_of(name)
+        of_experiment, initializers = params.of(name), params.initializers_of(name)
         settings = params.experiments[name]
         listed = settings.finetuned.initializers
         breakdown = f"data/analyses/query_breakdown/{name}/{{}}.parquet"
@@ -197,8 +197,8 @@ class Experiment(Runs):
             initializers=initializers,
             runs=of_models(f"data/runs/{name}/{{}}.parquet", [*initializers, JOINT]),
             queries=of_models(breakdown, [*initializers, JOINT]),
-            margin=own.convergence.margin,
-            max_epochs=own.finetuning.max_epochs,
+            margin=of_experiment.convergence.margin,
+            max_epochs=of_experiment.finetuning.max_epochs,
             finetuned=[each for each in initializers if listed == "all" or each in listed],
             finetuned_seeds=settings.finetuned.seeds,
             params=params,

@@ -45,22 +45,23 @@ Setting = Mapping[str, float]
 @table("report")
 def graph_totals(results: Results) -> pd.DataFrame:
     """Counts of each graph beside those that the paper states."""
-    paper, columns = results.paper["graph"], dict[str, dict[str, int]]()
+    paper, columns = results.paper["graph"], dict[str, dict[Any, int]]()
     for experiment in results.standalone:
         entities, triples = experiment.entities, experiment.triples
+        kinds = entities["kind"].value_counts()
         columns[experiment.title] = {
             "observations": int(triples["count"].sum()),
             "unique_triples": len(triples),
             "relations": triples["relation"].nunique(),
             "entities": len(entities),
-            **entities["kind"].value_counts().to_dict(),
+            **{str(kind): int(number) for kind, number in kinds.items()},
         }
     frame = pd.DataFrame(columns)
-    kinds = [name for name in results.vocabulary["kinds"] if name in frame.index]
+    kind_names = [name for name in results.vocabulary["kinds"] if name in frame.index]
     totals = ["observations", "unique_triples", "relations", "entities"]
-    frame = frame.loc[in_order(frame.index, [*totals, *kinds])]
+    frame = frame.loc[in_order(frame.index, [*totals, *kind_names])]
     frame.insert(0, "paper", [paper.get(name) for name in frame.index])
-    titles = {kind: f"{kind} entities" for kind in kinds}
+    titles = {kind: f"{kind} entities" for kind in kind_names}
     frame.index = [titles.get(name, name.replace("_", " ")) for name in frame.index]
     return frame.rename_axis("").reset_index()
 

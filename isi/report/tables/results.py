@@ -299,7 +299,7 @@ def transfer_immediate(results: Results, experiment: Experiment) -> pd.DataFrame
     of_paper = experiment is results.on(papers=True, extended=True)
     theirs = results.paper["transfer"] if of_paper else {}
     statistics, rows = experiment.statistics(), list[Line]()
-    epochs = experiment.finetuned and epochs_summary(experiment.convergence, ["model"])
+    epochs = epochs_summary(experiment.convergence, ["model"]) if experiment.finetuned else None
     for model in experiment.rows:
         row: Line = {"model": experiment.models.labels[model]}
         row |= bounded("weighted: MRR", statistics.weighted(model))
@@ -310,7 +310,7 @@ def transfer_immediate(results: Results, experiment: Experiment) -> pd.DataFrame
         row |= bounded("known: MRR", statistics.known(model))
         row |= bounded("known: drop, %", statistics.drop(model))
         row["known: drop, paper, %"] = theirs.get("drop", {}).get(model)
-        if model in experiment.finetuned:
+        if epochs is not None and model in experiment.finetuned:
             of_model = epochs.loc[model]
             row |= named(of_model, "mean", "epochs: mean")
             row["epochs: do not end"] = of_model["do not end"]
