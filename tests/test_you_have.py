@@ -155,7 +155,7 @@ PREPARE: dict[str, Callable[[], None]] = {
 
 
 def run(name: str, capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
-    """Write the file of a recipe or page, and run its code and its commands in order;
+    """Run the code and the commands of a recipe or page in order;
     the names that the code defines.
     """
     scope: dict[str, Any] = {"__name__": "page"}
@@ -169,9 +169,7 @@ def run(name: str, capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
         function, then = FIRST.split("After the import", 1)
         text = function + text + then
     for language, code in BLOCK.findall(text):
-        if language == "csv":
-            Path("home.csv").write_text(code, encoding="utf-8")
-        elif language == "python":
+        if language == "python":
             exec(compile(code, name, "exec"), scope)  # noqa: S102
         elif language == "console":
             for line in re.findall(r"^\$ isi (.+)$", code, re.MULTILINE):
@@ -213,10 +211,6 @@ def test_a_page_runs_as_it_stands(
         done = scope["done"]
         assert done.entity_names[-1] == "espresso machine"
         assert done.details.new == [len(done.entities) - 1]
-    elif "home" in scope:
-        assert (
-            list(scope["home"].inserted) == list(isi.open("home").inserted) == ["espresso machine"]
-        )
     else:
         larger = isi.open("imported").now
         assert larger.entity_names[-1] == "espresso machine"
