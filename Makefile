@@ -107,7 +107,7 @@ site: $(INSTALLED)  ## build the documentation as a site for offline use, site/i
 
 console: $(INSTALLED)  ## run the commands of pages and copy their output there (installs the extra `words`)
 	$(PIP) install --quiet --editable '.[words]'
-	python -m tools.docs docs/insert.md $$(grep -lr '^<!-- console:' README.md docs | grep -v docs/insert.md)
+	python -m tools.docs $$(grep -lr '^<!-- console:' README.md docs)
 
 models: $(INSTALLED)  ## search learning rate, weight decay and margin of each embedding model, in about ten minutes
 	python -m tools.choose_models
