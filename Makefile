@@ -79,7 +79,7 @@ mutants: $(INSTALLED)  ## mutation testing of the code that computes, in about a
 	mutmut run $(ARGS)
 	python -m tools.mutants
 
-verify: $(INSTALLED)  ## recompute vectors, MRR*, epochs and R[i, j] of the last runs from their tables, with independent code, and compare
+verify: $(INSTALLED)  ## recompute vectors, the measure and epochs of the last run from its tables, with independent code, and compare
 	@python -m tools.verify
 
 benchmark: $(INSTALLED)  ## measure speed and memory, in about twelve minutes (installs the extra `benchmark`), into docs/benchmarks
