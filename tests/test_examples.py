@@ -48,7 +48,7 @@ def test_runs_are_read_and_compared_in_pairs(folder: Path) -> None:
     }
     by_run = [
         {
-            (row.size_, row.seed): row.mrr_star
+            (row.size_, row.seed): row.mrr
             for row in table.rename(columns={"size": "size_"}).itertuples()
             if row.epoch == 0 and row.scope == "novel"
         }

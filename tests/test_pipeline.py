@@ -232,9 +232,9 @@ def test_other_code_computes_the_same_from_the_tables_alone(folder: Path) -> Non
     assert process.returncode == 0, process.stdout + process.stderr
     rows = {line[:18].strip(): line.split() for line in process.stdout.splitlines()}
     # scopes, seeds, grid points of a seed, models
-    assert int(rows["immediate MRR*"][-4]) == 5 * 3 * 3 * 6
+    assert int(rows["the measure"][-4]) == 6 * 3 * 3 * 6
     assert int(rows["initial vectors"][-4]) > 100
-    compared = ("initial vectors", "immediate MRR*", "epochs")
+    compared = ("initial vectors", "the measure", "epochs")
     assert all(int(rows[name][-1]) == 0 for name in compared)
 
 
@@ -263,8 +263,8 @@ def test_verify_finds_altered_numbers(folder: Path, tmp_path: Path) -> None:
     assert process.returncode == 1
     for expected in (
         "initial vectors, .* rs, transfer, size 10, seed 1: ",
-        "immediate MRR\\*, known, mrr_star_entity, es, ai2thor, .* seed 2: ",
-        "epochs, initializer IU, mean, ai2thor, scope all: ",
+        "the measure, known, mrr_star_entity, es, ai2thor, .* seed 2: ",
+        "epochs, iu, mean, ai2thor: ",
     ):
         assert len(re.findall(f"^{expected}", process.stdout, re.MULTILINE)) == 1
     assert process.stdout.count(" here, ") == 3
