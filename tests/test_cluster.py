@@ -59,13 +59,13 @@ def fail(points: GridPoints, *_: object) -> None:
         raise ValueError("no such indicator")
 
 
-def noted(folder: Path, points: GridPoints, config: TrainConfig, session: int) -> TrainResult:
+def noted(folder: Path, points: GridPoints, config: TrainConfig) -> TrainResult:
     """Write a file named after this process and the first seed,
     wait until a worker was killed, then train.
     """
     (folder / f"{os.getpid()} {points.seeds[0]}").touch()
     assert wait_for((folder / "killed").exists)
-    return train_stack(points, config, session)
+    return train_stack(points, config)
 
 
 def test_a_task_runs_on_one_thread_without_denormal_numbers(compute: Compute) -> None:

@@ -30,10 +30,10 @@ def test_groups_put_together_are_the_measures_of_their_scope() -> None:
     scopes = query_sets(points.session(1), points.novel_ids, points.insert_mask)
     measured = measure_rows(evaluate(theta, scopes)).set_index(["place", "scope"])
     for measure in ("mrr_star", "mrr"):
-        parts = combined(rows.assign(mrr_star=rows[measure]), POINT).set_index(POINT)
+        parts = combined(rows, POINT, measure).set_index(POINT)
         assert len(parts) == 3 * 2
         for half in ("", "_entity", "_relation"):
-            found, expected = parts[f"mrr_star{half}"], measured[f"{measure}{half}"]
+            found, expected = parts[f"{measure}{half}"], measured[f"{measure}{half}"]
             assert found.to_numpy() == pytest.approx(expected[found.index].to_numpy(), abs=1e-6)
 
 
@@ -140,8 +140,8 @@ def test_ranks_follow_the_scores_of_each_answer_one_by_one() -> None:
 
 
 def rows_of(*groups: tuple[str, str, int, float, int]) -> pd.DataFrame:
-    """Groups of one grid point: relation, hidden, queries, MRR*, observations."""
-    columns = ["relation", "hidden", "queries", "mrr_star", "observations"]
+    """Groups of one grid point: relation, hidden, queries, MRR, observations."""
+    columns = ["relation", "hidden", "queries", "mrr", "observations"]
     return pd.DataFrame(groups, columns=columns).assign(model="es", size=1, seed=0)
 
 
@@ -154,21 +154,21 @@ def test_parts_weigh_queries_and_observations_and_a_half_without_queries_is_null
         ("in", "relation", 3, 0.8, 1),
     )
     (found,) = combined(rows, ["model", "size", "seed"]).to_dict("records")
-    assert found["mrr_star_entity"] == pytest.approx((3 * 0.4 + 0.9) / 4)
-    assert found["mrr_star_relation"] == pytest.approx((0.5 + 3 * 0.8) / 4)
-    assert found["mrr_star"] == pytest.approx((0.525 + 0.725) / 2)
+    assert found["mrr_entity"] == pytest.approx((3 * 0.4 + 0.9) / 4)
+    assert found["mrr_relation"] == pytest.approx((0.5 + 3 * 0.8) / 4)
+    assert found["mrr"] == pytest.approx((0.525 + 0.725) / 2)
     # a group of another role of the novel entity
     split = pd.concat([rows, rows_of(("on", "head", 4, 0.8, 3))])
-    assert combined(split, ["seed"])["mrr_star_entity"].tolist() == pytest.approx(
+    assert combined(split, ["seed"])["mrr_entity"].tolist() == pytest.approx(
         [(3 * (4.4 / 7) + 0.9) / 4]
     )
-    by_relation = combined(rows, ["seed", "relation"]).set_index("relation")["mrr_star_entity"]
+    by_relation = combined(rows, ["seed", "relation"]).set_index("relation")["mrr_entity"]
     assert by_relation.to_dict() == pytest.approx({"on": 0.4, "in": 0.9})
     rows = rows_of(("on", "head", 2, 0.25, 3), ("on", "relation", 2, 0.75, 3))
     (entities,) = combined(rows[rows["hidden"] == "head"], ["seed"]).to_dict("records")
     (relations,) = combined(rows[rows["hidden"] == "relation"], ["seed"]).to_dict("records")
-    assert entities["mrr_star_entity"] == 0.25
-    assert relations["mrr_star_relation"] == 0.75
+    assert entities["mrr_entity"] == 0.25
+    assert relations["mrr_relation"] == 0.75
     assert np.isnan(
-        [entities["mrr_star"], entities["mrr_star_relation"], relations["mrr_star"]]
+        [entities["mrr"], entities["mrr_relation"], relations["mrr"]]
     ).all()
