@@ -162,8 +162,7 @@ def test_the_query_breakdown_sums_to_the_runs(folder: Path) -> None:
     files = sorted((folder / "data/analyses/query_breakdown/ai2thor").glob("*.parquet"))
     assert {file.stem for file in files} == {*INITIALIZERS, "joint"}
     parts = pd.concat(map(pd.read_parquet, files))
-    parts = combined(parts.assign(mrr_star=parts["mrr"]), ["model", "size", "seed", "scope"])
-    sums = parts.rename(columns={f"mrr_star{half}": f"mrr{half}" for half in HALVES})
+    sums = combined(parts, ["model", "size", "seed", "scope"])
     for name in (*INITIALIZERS, "joint"):
         runs = pd.read_parquet(folder / f"data/runs/ai2thor/{name}.parquet").query(
             "epoch == 0 and queries > 0"
