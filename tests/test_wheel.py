@@ -264,6 +264,7 @@ def test_the_extra_of_a_missing_package_is_named(
     shutil.copy(ROOT / "params.yaml", empty.folder)
     triples = "head,relation,tail\nmug,at,kitchen\ncup,at,kitchen\n"
     (empty.folder / "triples.csv").write_text(triples, encoding="utf-8")
+    (empty.folder / "triples.parquet").write_bytes(b"PAR1")
     (empty.folder / "triples.ttl").write_text(
         "<urn:mug> <urn:at> <urn:kitchen> .", encoding="utf-8"
     )

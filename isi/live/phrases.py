@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from safetensors.numpy import load_file
 
-from isi.errors import InputError
+from isi.errors import InputError, at
 from isi.live.bundle import MODEL, Bundle, WordSource
 from isi.tables import paths
 
@@ -175,11 +175,13 @@ def _look_up(path: Path, text: str) -> np.ndarray:
     """The mean vector of the words of a text in a file; (v,)."""
     from isi.graph.words import look_up  # here, since it loads gensim
 
-    return np.asarray(look_up(_file(path), [text]).vectors[0])
+    with at(path):
+        changed = path.stat().st_mtime_ns
+    return np.asarray(look_up(_file(path.absolute(), changed), [text]).vectors[0])
 
 
 @cache
-def _file(path: Path) -> Any:
+def _file(path: Path, changed: int) -> Any:  # noqa: ARG001  # a file that changed is read again
     from isi.graph.words import read_vectors  # here, since it loads gensim
 
     return read_vectors(path)
