@@ -6,7 +6,8 @@ import torch
 
 import isi
 from isi.config import Positive
-from isi.initializers.api import InitContext, InitResult, initializer, without_weights
+from isi.initializers.api import InitResult, initializer, without_weights
+from isi.initializers.context import InitContext
 
 
 # %% A context has one or more models (M)

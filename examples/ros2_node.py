@@ -24,7 +24,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 import isi
-from isi.live.stream import answer, prepared_beside
+from isi.home.stream import answer, prepared_beside
 
 WAITING = 100  #: Messages that may wait on a topic.
 

@@ -14,13 +14,13 @@ from typing import Any
 #: Module and name there of each name here.
 _WHERE = {
     "InputError": ("isi.errors", "InputError"),
-    "LiveEmbedding": ("isi.live.embedding", "LiveEmbedding"),
+    "LiveEmbedding": ("isi.home.embedding", "LiveEmbedding"),
     "check_initializer": ("isi.checks.initializers", "check_initializer"),
     "check_model": ("isi.checks.models", "check_model"),
     "from_pykeen": ("isi.pykeen.open", "from_pykeen"),
     "insert": ("isi.insertion.api", "insert"),
-    "open": ("isi.live.embedding", "open_live"),
-    "train": ("isi.live.train", "train"),
+    "open": ("isi.home.embedding", "open_live"),
+    "train": ("isi.home.train", "train"),
 }
 #: Without ``open``: ``from isi import *`` leaves the builtin as it is.
 __all__ = [name for name in _WHERE if name != "open"]

@@ -3,10 +3,10 @@ from isi import pykeen as pykeen
 from isi.checks.initializers import check_initializer as check_initializer
 from isi.checks.models import check_model as check_model
 from isi.errors import InputError as InputError
+from isi.home.embedding import LiveEmbedding as LiveEmbedding
+from isi.home.embedding import open_live
+from isi.home.train import train as train
 from isi.insertion.api import insert as insert
-from isi.live.embedding import LiveEmbedding as LiveEmbedding
-from isi.live.embedding import open_live
-from isi.live.train import train as train
 from isi.pykeen.open import from_pykeen as from_pykeen
 
 open = open_live

@@ -14,6 +14,7 @@ from typing import Any
 from pydantic import ValidationError
 
 LONGEST = 270  #: Maximum number of characters of a message; a longer one loses its middle.
+NO_SUCH_FILE = "no such file"  #: The message for a missing file.
 _SHORT = reprlib.Repr()
 _SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 60
 

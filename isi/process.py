@@ -13,7 +13,6 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from pathlib import Path
 from types import FrameType
 from typing import NoReturn
 
@@ -136,9 +135,7 @@ def errors_in_one_line(name: str, then: str = "run it again") -> Iterator[None]:
 
 def _of_system(error: OSError) -> InputError:
     if isinstance(error, FileNotFoundError) and isinstance(error.filename, str):
-        from isi.pipeline import missing  # imported here: few commands need it
-
-        return missing(Path(error.filename))
+        return InputError(error.filename, "", NO_SUCH_FILE)
     full = "standard output or shared memory" if error.errno == errno.ENOSPC else ""
     return InputError(
         error.filename or full, "", f"cannot be written or read ({os_message(error)})"

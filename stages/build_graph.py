@@ -5,7 +5,7 @@ entities of a second source.
 from isi.graph import graph
 from isi.graph.graph import ENTITIES, TRIPLES, MinedSource
 from isi.sources import KINDS, OBSERVATIONS
-from isi.stage import StageContext, stage
+from stages.stage import StageContext, stage
 
 
 @stage

@@ -2,8 +2,8 @@
 
 import sys
 
-from isi.params import load, load_beyond
 from isi.process import errors_in_one_line
+from stages.params import load, load_beyond
 
 
 def check_params(runs: bool) -> None:

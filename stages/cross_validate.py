@@ -10,10 +10,10 @@ from isi.analyses.joint_models import (
     changed_config,
     fold_points,
 )
-from isi.experiment.runner import run, stack_height
-from isi.experiment.store import Store
 from isi.experiment.train import train_stack
-from isi.stage import StageContext, stage
+from stages.runner import run, stack_height
+from stages.stage import StageContext, stage
+from stages.store import Store
 
 
 @stage

@@ -11,9 +11,9 @@ from isi.analyses.demonstration import (
     demonstrated,
     registered,
 )
-from isi.experiment.store import Store
-from isi.stage import StageContext, stage
 from isi.tables.io import atomically, keep_only
+from stages.stage import StageContext, stage
+from stages.store import Store
 
 
 @stage

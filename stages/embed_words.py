@@ -5,8 +5,8 @@ import torch
 from isi.errors import at
 from isi.graph.graph import ENTITIES
 from isi.graph.words import COVERAGE, WORD_VECTORS, load_vectors, look_up
-from isi.stage import StageContext, stage
 from isi.tables import paths
+from stages.stage import StageContext, stage
 
 
 @stage

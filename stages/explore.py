@@ -6,11 +6,11 @@ import pandas as pd
 
 from isi.analyses.variants import GRAPH_QUERIES, GRAPH_RUNS, GraphExperiment, changed, results
 from isi.errors import InputError, at
-from isi.experiment.store import Store
 from isi.graph.graph import GRAPH_ENTITIES, GRAPH_TRIPLES, MinedSource, build_tables
 from isi.sources import Source
-from isi.stage import StageContext, stage
 from isi.tables import paths
+from stages.stage import StageContext, stage
+from stages.store import Store
 
 
 @stage

@@ -5,10 +5,10 @@ Sizes, seeds and epochs are those of the learning curves after insertion (``full
 
 from isi.analyses import finetuning
 from isi.analyses.finetuning import FINETUNE_ONLY
-from isi.experiment.runner import run, stack_height
-from isi.experiment.store import Store
-from isi.stage import StageContext, stage
 from isi.tables.table import concat
+from stages.runner import run, stack_height
+from stages.stage import StageContext, stage
+from stages.store import Store
 
 
 @stage

@@ -8,12 +8,12 @@ from dataclasses import replace
 
 import pandas as pd
 
-from isi.experiment.breakdown import QUERY_BREAKDOWN, write_queries
 from isi.experiment.insert import InsertionRuns, insert_over, insert_tasks, is_listed
-from isi.experiment.runner import stack_height
-from isi.experiment.store import INITIAL_VECTORS, MEASURE_CHANGES, RUNS, Store
-from isi.stage import StageContext, stage
 from isi.tables.table import concat
+from stages.breakdown import QUERY_BREAKDOWN, write_queries
+from stages.runner import stack_height
+from stages.stage import StageContext, stage
+from stages.store import INITIAL_VECTORS, MEASURE_CHANGES, RUNS, Store
 
 
 @stage

@@ -2,7 +2,7 @@
 
 from isi.graph.graph import ENTITIES, TRIPLES, build_graph
 from isi.graph.sessions import session_tables
-from isi.stage import StageContext, stage
+from stages.stage import StageContext, stage
 
 
 @stage

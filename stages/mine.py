@@ -4,8 +4,8 @@ import pandas as pd
 
 from isi.errors import at
 from isi.sources import KINDS, MINED, OBSERVATIONS, Source
-from isi.stage import StageContext, stage
 from isi.tables import paths
+from stages.stage import StageContext, stage
 
 
 @stage

@@ -2,11 +2,11 @@
 
 from isi.analyses.affordances import AFFORDANCES, rank_answers
 from isi.errors import InputError
-from isi.experiment.runner import run, stack_height
-from isi.experiment.store import Store
-from isi.stage import StageContext, stage
 from isi.tables import paths
 from isi.tables.table import concat
+from stages.runner import run, stack_height
+from stages.stage import StageContext, stage
+from stages.store import Store
 
 
 @stage

@@ -1,8 +1,8 @@
 """Draw the page of the second pipeline, and its figures, from its tables."""
 
-from isi.report import page
-from isi.stage import stage
 from isi.tables import paths
+from stages.report import page
+from stages.stage import stage
 
 
 @stage

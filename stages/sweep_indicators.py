@@ -9,10 +9,10 @@ import pandas as pd
 from isi.analyses.finetuning import INDICATOR_SWEEP
 from isi.errors import InputError
 from isi.experiment.insert import InsertTask, insert_stack, insert_tasks, join
-from isi.experiment.runner import run, stack_height
-from isi.experiment.store import Store
-from isi.stage import StageContext, stage
 from isi.tables import paths
+from stages.runner import run, stack_height
+from stages.stage import StageContext, stage
+from stages.store import Store
 
 
 @stage

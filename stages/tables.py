@@ -1,9 +1,9 @@
 """Write the tables of the first pipeline, its plots and its headline numbers."""
 
-from isi.report.tables import headlines
-from isi.report.tables.data import Results
-from isi.stage import StageContext, stage
 from isi.tables import paths
+from stages.report.tables import headlines
+from stages.report.tables.data import Results
+from stages.stage import StageContext, stage
 
 
 @stage

@@ -3,11 +3,11 @@
 import pandas as pd
 
 from isi.initializers.api import INITIALIZERS
-from isi.report.tables import registry
-from isi.report.tables.data import Models
-from isi.report.tables.further import Further
-from isi.stage import StageContext, stage
 from isi.tables import paths
+from stages.report.tables import registry
+from stages.report.tables.data import Models
+from stages.report.tables.further import Further
+from stages.stage import StageContext, stage
 
 
 @stage

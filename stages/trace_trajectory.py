@@ -7,10 +7,10 @@ import torch
 from isi.analyses import trajectory as analysis
 from isi.analyses.trajectory import TRAJECTORY, place_of_traced, traced
 from isi.errors import InputError
-from isi.experiment.runner import run
-from isi.experiment.store import Store
-from isi.stage import StageContext, stage
 from isi.tables import paths
+from stages.runner import run
+from stages.stage import StageContext, stage
+from stages.store import Store
 
 
 @stage

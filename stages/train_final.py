@@ -4,13 +4,13 @@ It is trained like a joint model, for the median of the joint models' best epoch
 """
 
 from isi.experiment import final_model
-from isi.experiment.grid import JOINT_MODEL
-from isi.experiment.runner import run
-from isi.experiment.store import TRAINING_LOG, Store
-from isi.live.bundle import MODEL, Bundle, Manifest, WordSource, write
-from isi.stage import StageContext, stage
+from isi.home.bundle import MODEL, Bundle, Manifest, WordSource, write
 from isi.tables import paths
 from isi.tables.table import as_text
+from stages.grid import JOINT_MODEL
+from stages.runner import run
+from stages.stage import StageContext, stage
+from stages.store import TRAINING_LOG, Store
 
 
 @stage

@@ -5,10 +5,6 @@ import pandas as pd
 from isi.evaluation.changes import change_rows, with_weighted_changes
 from isi.evaluation.query_sets import with_weighted
 from isi.evaluation.scopes import SCOPES
-from isi.experiment.breakdown import break_down, write_queries
-from isi.experiment.grid import JOINT_MODEL, known_shares
-from isi.experiment.runner import run, stack_height
-from isi.experiment.store import JOINT, MEASURE_CHANGES, RUNS, TRAINING_LOG, Store
 from isi.experiment.train import (
     as_tensors,
     evaluate_stack,
@@ -16,8 +12,12 @@ from isi.experiment.train import (
     train_stack,
     warn_of_batch,
 )
-from isi.stage import StageContext, stage
 from isi.tables.table import concat
+from stages.breakdown import break_down, write_queries
+from stages.grid import JOINT_MODEL, known_shares
+from stages.runner import run, stack_height
+from stages.stage import StageContext, stage
+from stages.store import JOINT, MEASURE_CHANGES, RUNS, TRAINING_LOG, Store
 
 
 @stage

@@ -2,11 +2,11 @@
 
 import pandas as pd
 
-from isi.experiment.runner import run, stack_height
-from isi.experiment.store import THETA0, TRAINING_LOG, Store
 from isi.experiment.train import as_tensors, train_stack, warn_of_batch
-from isi.stage import StageContext, stage
 from isi.tables import io
+from stages.runner import run, stack_height
+from stages.stage import StageContext, stage
+from stages.store import THETA0, TRAINING_LOG, Store
 
 
 @stage

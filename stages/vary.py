@@ -9,8 +9,8 @@ from isi.analyses.variants import (
     changed,
     results,
 )
-from isi.experiment.store import Store
-from isi.stage import StageContext, stage
+from stages.stage import StageContext, stage
+from stages.store import Store
 
 
 @stage

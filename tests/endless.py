@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from isi.experiment.grid import GridPoints
-from isi.experiment.runner import Compute, run
 from isi.graph.graph import Graph
 from isi.process import errors_in_one_line, tie_to_parent
+from stages.grid import GridPoints
+from stages.runner import Compute, run
 
 WORKERS = 2
 

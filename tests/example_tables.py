@@ -9,11 +9,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import torch
 
-from isi.experiment.breakdown import QUERY_BREAKDOWN
-from isi.experiment.store import RUNS, TRAINING_LOG
 from isi.graph.graph import ENTITIES, TRIPLES
 from isi.sources import MINED, OBSERVATIONS
 from isi.tables.table import Table
+from stages.breakdown import QUERY_BREAKDOWN
+from stages.store import RUNS, TRAINING_LOG
 
 #: Measures of three runs, the second without queries.
 MEASURED: dict[str, Any] = {

@@ -5,7 +5,7 @@ from typing import Any
 
 import isi
 from isi.__main__ import main
-from isi.live.loaded import LoadedEmbedding
+from isi.home.loaded import LoadedEmbedding
 
 
 def imported(*arguments: str) -> LoadedEmbedding:

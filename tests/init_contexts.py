@@ -7,7 +7,8 @@ import torch
 from torch import Tensor
 
 from isi.config import Option
-from isi.initializers.api import FALLBACKS, INITIALIZERS, InitContext, InitResult
+from isi.initializers.api import FALLBACKS, INITIALIZERS, InitResult
+from isi.initializers.context import InitContext
 from isi.models.model import Model, make_model
 from isi.models.stack import Embedding
 from tests.small_graphs import ANALOGY, random_embedding

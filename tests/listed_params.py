@@ -12,10 +12,10 @@ import yaml
 from pydantic import BaseModel
 
 from isi.config import value_of
-from isi.params import CONDITIONS, Params
-from isi.pipeline import PIPELINES
-from isi.stage import StageContext, context_of
 from isi.tables import paths
+from stages.params import CONDITIONS, Params
+from stages.pipeline import PIPELINES
+from stages.stage import StageContext, context_of
 
 parsed = cache(yaml.safe_load)  # cached, since parsing is slow
 

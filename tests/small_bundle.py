@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from isi.live.bundle import MANIFEST, MODEL, Bundle, Manifest, WordSource, write
-from isi.live.home import Home
-from isi.live.loaded import LoadedEmbedding
+from isi.home.bundle import MANIFEST, MODEL, Bundle, Manifest, WordSource, write
+from isi.home.database import Home
+from isi.home.loaded import LoadedEmbedding
 from tests.small_graphs import random_embedding, random_graph
 
 NAMES = ["kitchen", "bedroom", "kettle", "bed", "turn on", "lie on"]

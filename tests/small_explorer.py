@@ -15,7 +15,7 @@ from isi.analyses.demonstration import COMPUTED, Explored, Options, payload, pic
 from isi.experiment.train import train_stack
 from isi.initializers.api import INITIALIZERS
 from isi.models.stack import Embedding
-from isi.report.explorer import script
+from stages.report.explorer import script
 from tests import small_grid
 from tests.small_graphs import points_of
 
@@ -44,7 +44,7 @@ class Shown:
 
     def write(self, path: Path) -> Path:
         """Write a page with the picture and the explorer alone, and return its path."""
-        environment = Environment(loader=PackageLoader("isi.report"), autoescape=True)
+        environment = Environment(loader=PackageLoader("stages.report"), autoescape=True)
         text = environment.from_string(PAGE).render(
             picture=picture(self.explored, self.options),
             explorer=self.data,

@@ -9,12 +9,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from isi.experiment.grid import GridPoints
 from isi.graph.graph import Graph
 from isi.graph.sessions import sample_insert_triples, sample_novel, split
 from isi.models.model import Model, make_model
 from isi.models.scoring import DenseTriples
 from isi.models.stack import Embedding
+from stages.grid import GridPoints
 
 #: Ids of head, relation and tail.
 Triple = tuple[int, int, int]

@@ -7,12 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
-from isi.experiment.grid import GridPoints
 from isi.graph.graph import Graph
 from isi.graph.sessions import TRAIN, VALID
-from isi.initializers.api import InitContext
-from isi.insertion.engine import context_in_session
+from isi.initializers.context import InitContext, context_in_session
 from isi.models.stack import Embedding
+from stages.grid import GridPoints
 from tests.small_graphs import (
     graph_of,
     insert_triples_of,

@@ -9,13 +9,13 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
+from isi.home import groups
+from isi.home.bundle import Fact
+from isi.home.embedding import LiveEmbedding
+from isi.home.groups import Choice, Conditions, EntityGroups
 from isi.insertion.engine import Method
 from isi.insertion.hidden import HoldOut
 from isi.insertion.selection import named
-from isi.live import groups
-from isi.live.bundle import Fact
-from isi.live.embedding import LiveEmbedding
-from isi.live.groups import Choice, Conditions, EntityGroups
 from tests.small_bundle import random_bundle
 
 KINDS = ["object", "place"]

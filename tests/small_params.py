@@ -7,7 +7,7 @@ from typing import Any
 import yaml
 
 from isi.config import check
-from isi.params import CONDITIONS, Params
+from stages.params import CONDITIONS, Params
 
 ROOT = Path(__file__).parent.parent
 EPOCHS = 3

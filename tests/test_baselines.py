@@ -10,7 +10,7 @@ from torch import Tensor
 from torch.nn.functional import cosine_similarity
 
 from isi.initializers import similarity
-from isi.initializers.api import InitContext
+from isi.initializers.context import InitContext
 from isi.initializers.paper import permuted_words
 from tests.init_contexts import (
     ENTITIES,

@@ -5,9 +5,9 @@ import pytest
 import torch
 from torch import Tensor
 
-from isi.experiment.grid import GridPoints
 from isi.graph.sessions import OUT, TRAIN, Session, session_of
 from isi.training import batches
+from stages.grid import GridPoints
 from tests.small_graphs import graph_of, points_of, random_graph
 
 

@@ -9,10 +9,10 @@ import pytest
 from isi.errors import InputError
 from isi.evaluation.changes import change_rows
 from isi.experiment.insert import joint_targets
-from isi.experiment.store import RUNS, Store
-from isi.params import load
 from isi.sources import KINDS, OBSERVATIONS
 from isi.tables.table import Table
+from stages.params import load
+from stages.store import RUNS, Store
 from tests import stage_run
 from tests.broken_tables import CASES, TENSOR_CASES, Tensors
 from tests.example_tables import Change, change_table, change_tensors

@@ -8,8 +8,8 @@ import torch
 
 from isi.evaluation.platt import PlattCurve, fit_platt
 from isi.graph.graph import HEAD, TAIL
-from isi.live.answers import LIKELY, Answer, Answers, answer, answer_relation, fit_curve
-from isi.live.loaded import Query, queries_of
+from isi.home.answers import LIKELY, Answer, Answers, answer, answer_relation, fit_curve
+from isi.home.loaded import Query, queries_of
 from tests.small_bundle import TRIPLES, opened
 
 KITCHEN, BEDROOM, KETTLE, BED, TURN_ON, LIE_ON = range(6)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from isi.errors import InputError
 from isi.experiment.final_model import train_final, usual_epochs, whole_graph
-from isi.live.bundle import Bundle, read
+from isi.home.bundle import Bundle, read
 from isi.models.stack import uniform
 from isi.training.batches import training_data
 from isi.training.trainer import run_epoch, start

@@ -11,10 +11,10 @@ import pytest
 
 import isi
 from isi.errors import InputError
-from isi.live.bundle import Fact
-from isi.live.embedding import LiveEmbedding
-from isi.live.groups import HARM
-from isi.live.loaded import LoadedEmbedding
+from isi.home.bundle import Fact
+from isi.home.embedding import LiveEmbedding
+from isi.home.groups import HARM
+from isi.home.loaded import LoadedEmbedding
 from tests.small_bundle import (
     KINDS,
     NAMES,

@@ -12,13 +12,13 @@ from isi.checks import initializers, models
 from isi.errors import InputError
 from isi.initializers.api import (
     INITIALIZERS,
-    InitContext,
     Initializer,
     InitResult,
     Registered,
     initializer,
     without_weights,
 )
+from isi.initializers.context import InitContext
 from isi.initializers.paper import hybrid_similarity
 from isi.initializers.similarity import insert_triple_ends, nearest_by_words, word_similarity
 from isi.models.bilinear import DistMult

@@ -16,10 +16,10 @@ import torch
 
 from isi.errors import InputError
 from isi.experiment import runner
-from isi.experiment.grid import GridPoints
 from isi.experiment.insert import insert_stack
-from isi.experiment.runner import Compute, TaskError, run
 from isi.experiment.train import TrainConfig, TrainResult, train_stack
+from stages.grid import GridPoints
+from stages.runner import Compute, TaskError, run
 from tests.dask_cluster import Cluster, two_workers
 from tests.environment import wait_for
 from tests.small_grid import insert_tasks, inserted_bytes, theta0, trained_bytes, training_tasks

@@ -15,9 +15,9 @@ import isi
 from isi.columns import triple_columns
 from isi.errors import InputError
 from isi.graph.files import read_graph
+from isi.home.embedding import LiveEmbedding
+from isi.home.train import tables_of
 from isi.insertion.arguments import listed_triples
-from isi.live.embedding import LiveEmbedding
-from isi.live.train import tables_of
 from tests.small_bundle import BETWEEN, ENTITIES, LABELS, NAMES, TRIPLES, small
 
 FACTS = [("jug", "atLocation", "kitchen"), ("jug", "hasAffordance", "turn on")]

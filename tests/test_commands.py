@@ -181,7 +181,7 @@ def test_help_fits_a_terminal_and_loads_nothing_that_is_slow(
         "import sys; from isi.__main__ import main\n"
         f"for command in {[[], ['train'], ['live'], *([name] for name in about_homes)]}:\n"
         "    main([*command, '--help'])\n"
-        "print({'torch', 'pandas', 'gensim', 'isi.live.embedding'} & set(sys.modules))"
+        "print({'torch', 'pandas', 'gensim', 'isi.home.embedding'} & set(sys.modules))"
     )
     command = [sys.executable, "-c", code]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)

@@ -11,7 +11,6 @@ import torch
 from torch import Tensor
 from torch.nn.functional import logsigmoid
 
-from isi.experiment.grid import GridPoints
 from isi.models.bilinear import ANALOGY, BlockModel
 from isi.models.model import Model, make_model
 from isi.models.scoring import Distance, Interaction
@@ -19,6 +18,7 @@ from isi.models.stack import uniform
 from isi.training.batches import Corrupted, Negatives, TrainingData, sample_epoch, training_data
 from isi.training.compiled import MEMORY, update
 from isi.training.trainer import Optimizer, State, is_compiled, run_batches, run_epoch, start
+from stages.grid import GridPoints
 from tests.small_graphs import points_of, random_embedding, random_graph
 
 SAMPLED = Negatives(mode="sampled", ratio=3)

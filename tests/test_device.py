@@ -13,10 +13,10 @@ from isi.analyses.trajectory import trace_trajectory
 from isi.errors import InputError
 from isi.experiment import runner
 from isi.experiment.insert import insert_stack
-from isi.experiment.runner import Compute
 from isi.experiment.train import evaluate_stack, train_stack
 from isi.models.model import MODELS, make_model
 from isi.training import batches
+from stages.runner import Compute
 from tests import small_grid as grid
 from tests.fake_device import DEVICE, FakeDevice
 

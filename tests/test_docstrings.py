@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 import isi
-from isi.live.embedding import LiveEmbedding
+from isi.home.embedding import LiveEmbedding
 
 API = Path(__file__).parent.parent / "docs/api.md"
 #: May have no example: data that a caller only reads, and what shows nothing.
@@ -27,11 +27,11 @@ NO_EXAMPLE = {
     "isi.insertion.result.Entity",
     "isi.insertion.result.Inserted",
     "isi.insertion.selection.Selection",
-    "isi.live.changes.Change",
-    "isi.live.changes.Effect",
-    "isi.live.home.StoredFact",
+    "isi.home.changes.Change",
+    "isi.home.changes.Effect",
+    "isi.home.database.StoredFact",
     *(
-        f"isi.live.embedding.LiveEmbedding.{name}"
+        f"isi.home.embedding.LiveEmbedding.{name}"
         for name in ("close", "folder", "now", "prepare", "train_again")
     ),
 }
@@ -77,7 +77,7 @@ def printed(name: str, namespace: dict[str, Any]) -> int:
 def shared() -> dict[str, Any]:
     """What the examples of a live embedding and of PyKEEN share: names of the first ones."""
     names = dict[str, Any]()
-    printed("isi.live.embedding.LiveEmbedding", names)
+    printed("isi.home.embedding.LiveEmbedding", names)
     pytest.importorskip("pykeen")
     printed("isi.pykeen.insertion.insert", names)
     return {name: names[name] for name in ("isi", "home", "model", "factory")}

@@ -9,8 +9,8 @@ import scipy.stats
 from hypothesis import given
 from hypothesis import strategies as st
 
-from isi.report.tables import forms
-from isi.report.tables.estimates import (
+from stages.report.tables import forms
+from stages.report.tables.estimates import (
     CELL,
     compare,
     difference,

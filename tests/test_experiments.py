@@ -24,10 +24,10 @@ from isi.evaluation.query_sets import GROUPS
 from isi.evaluation.ranking import MEASURES
 from isi.experiment import runner
 from isi.experiment.insert import InsertTask, insert_stack
-from isi.experiment.runner import Compute
 from isi.experiment.train import TrainResult, evaluate_stack, joint_points, train_stack
 from isi.models.stack import Embedding
 from isi.training import trainer
+from stages.runner import Compute
 from tests import small_grid as grid
 from tests.small_graphs import points_of
 

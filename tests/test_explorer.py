@@ -20,12 +20,12 @@ from numpy.random import Generator
 from isi import params
 from isi.analyses.demonstration import COMPUTED, DRAWS, Explored, draws, median_draw, picture
 from isi.evaluation.ranking import make_queries, padded_ids, rank_queries
-from isi.experiment.grid import GridPoints
-from isi.experiment.store import Store
 from isi.graph.sessions import OUT, TEST, TRAIN, VALID, Session, membership, touches
-from isi.initializers.api import INITIALIZERS, InitContext, InitResult
-from isi.insertion.engine import context_in_session
+from isi.initializers.api import INITIALIZERS, InitResult
+from isi.initializers.context import InitContext, context_in_session
 from isi.models.stack import Embedding
+from stages.grid import GridPoints
+from stages.store import Store
 from tests.browser import Opened, opened
 from tests.small_explorer import NAMES, Shown, scores, small
 

@@ -16,8 +16,8 @@ from torch.nn.functional import normalize
 import isi
 from isi.__main__ import main
 from isi.errors import InputError
+from isi.home.phrases import with_words
 from isi.initializers.api import INITIALIZERS, InitResult, Registered, options_of
-from isi.live.phrases import with_words
 from isi.models.model import make_model
 from isi.models.stack import uniform
 from isi.sources import Source

@@ -9,10 +9,11 @@ from torch import Tensor
 
 import isi
 from isi.initializers import fold_in as module
-from isi.initializers.api import INITIALIZERS, InitContext
+from isi.initializers.api import INITIALIZERS
+from isi.initializers.context import InitContext
+from isi.initializers.inverses import InverseRelations, pack, unpack_first
 from isi.initializers.scale import Scale
 from isi.insertion.engine import Method
-from isi.insertion.inverses import InverseRelations, pack, unpack_first
 from isi.models.bilinear import ComplEx, DistMult
 from isi.models.losses import LOSSES, Loss, loss_named
 from tests.init_contexts import DIMENSION, ENTITIES, RELATIONS, four_novel, initialize

@@ -10,8 +10,8 @@ import yaml
 
 from isi.analyses.variants import GRAPH_QUERIES, GRAPH_RUNS, VARIANT_QUERIES, VARIANT_RUNS
 from isi.graph.graph import ENTITIES, GRAPH_ENTITIES, GRAPH_TRIPLES, TRIPLES
-from isi.params import CONDITIONS
 from isi.tables import paths
+from stages.params import CONDITIONS
 from tests import stage_run
 from tests.beyond_entries import GRAPH, ROOT, SESSIONS, WORDS, copy_pipelines, list_entries
 

@@ -16,9 +16,9 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 import isi
-from isi.live.bundle import Fact
-from isi.live.changes import Effect
-from isi.live.embedding import LiveEmbedding
+from isi.home.bundle import Fact
+from isi.home.changes import Effect
+from isi.home.embedding import LiveEmbedding
 from tests.small_bundle import home_of
 from tests.small_live import (
     KINDS,

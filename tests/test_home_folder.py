@@ -14,7 +14,7 @@ import pytest
 
 import isi
 from isi.errors import InputError
-from isi.live.embedding import LiveEmbedding
+from isi.home.embedding import LiveEmbedding
 from tests.small_bundle import files, home_of
 from tests.small_live import KNOWN, TRAINED, assert_same, facts_of, seen
 from tools.kills.home import NEGATIVE, killed

@@ -15,10 +15,10 @@ import pytest
 
 import isi
 from isi.errors import InputError
-from isi.live.bundle import Bundle
-from isi.live.embedding import LiveEmbedding
-from isi.live.groups import EntityGroups
-from isi.live.phrases import with_words
+from isi.home.bundle import Bundle
+from isi.home.embedding import LiveEmbedding
+from isi.home.groups import EntityGroups
+from isi.home.phrases import with_words
 from tests.small_bundle import files, home_of, small, worded
 from tests.small_live import KNOWN, TRAINED, assert_same, facts_of, seen
 

@@ -10,11 +10,11 @@ import pytest
     ("module", "absent"),
     [
         ("isi.cli", {"torch", "pandas", "numpy"}),
-        ("isi.live.home", {"torch", "pandas"}),
+        ("isi.home.database", {"torch", "pandas"}),
         ("isi.cli.train", {"torch", "pandas"}),
-        ("isi.live.explain", {"pandas", "networkx", "jinja2"}),
+        ("isi.home.explain", {"pandas", "networkx", "jinja2"}),
         (
-            "isi.live.phrases as phrases; phrases.shipped().vector('mug')",
+            "isi.home.phrases as phrases; phrases.shipped().vector('mug')",
             {"gensim", "sentence_transformers", "transformers"},
         ),
     ],
@@ -22,7 +22,7 @@ import pytest
 def test_a_command_imports_nothing_slow_that_it_does_not_need(
     module: str, absent: set[str]
 ) -> None:
-    """``isi.live.explain`` has all that tell, ask, remove and undo need."""
+    """``isi.home.explain`` has all that tell, ask, remove and undo need."""
     code = f"import sys, {module}; print(*sys.modules)"
     loaded = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True

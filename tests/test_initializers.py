@@ -18,13 +18,12 @@ from isi.graph.sessions import TRAIN
 from isi.initializers.api import (
     FALLBACKS,
     INITIALIZERS,
-    InitContext,
     InitResult,
     initializer,
     options_of,
     without_weights,
 )
-from isi.insertion.engine import context_in_session
+from isi.initializers.context import InitContext, context_in_session
 from isi.tables import paths
 from tests.environment import ENVIRONMENT
 from tests.init_contexts import EVERYONE

@@ -19,14 +19,8 @@ import isi
 from isi import config
 from isi.errors import InputError
 from isi.graph.vocabulary import Vocabulary
-from isi.initializers.api import (
-    INITIALIZERS,
-    InitContext,
-    InitResult,
-    Registered,
-    initializer,
-    without_weights,
-)
+from isi.initializers.api import INITIALIZERS, InitResult, Registered, initializer, without_weights
+from isi.initializers.context import InitContext
 from isi.insertion.arguments import triples_of
 from isi.insertion.engine import FEW, Method, NovelEntities, batches, insert
 from isi.models.bilinear import DistMult
@@ -440,7 +434,7 @@ def test_options_are_those_of_params_where_it_has_them() -> None:
 def test_public_names_are_found_where_they_are_defined() -> None:
     assert (isi.insert.__module__, isi.open.__module__) == (
         "isi.insertion.api",
-        "isi.live.embedding",
+        "isi.home.embedding",
     )
     with pytest.raises(AttributeError, match="has no attribute 'inser'"):
         isi.inser  # noqa: B018

@@ -7,9 +7,9 @@ import pytest
 
 from isi.errors import InputError
 from isi.experiment.insert import joint_targets, targets_below
-from isi.experiment.store import RUNS
-from isi.params import load
 from isi.tables import paths
+from stages.params import load
+from stages.store import RUNS
 from tests.small_graphs import points_of, random_graph
 
 POINTS = points_of(random_graph(12, 2, 80), 2, [4, 6])

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from isi.errors import InputError
 from isi.graph.vocabulary import Vocabulary, ids_by_name, numbered, plurals, singulars
-from isi.live.embedding import LiveEmbedding
+from isi.home.embedding import LiveEmbedding
 from isi.names import plain
 from tests.small_bundle import NAMES, opened, worded
 

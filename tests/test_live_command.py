@@ -18,10 +18,11 @@ import pytest
 
 import isi
 from isi.__main__ import main
-from isi.initializers.api import INITIALIZERS, InitContext, InitResult, initializer
-from isi.live.embedding import LiveEmbedding
-from isi.live.groups import EntityGroups
-from isi.live.stream import answer, prepared_beside, serve
+from isi.home.embedding import LiveEmbedding
+from isi.home.groups import EntityGroups
+from isi.home.stream import answer, prepared_beside, serve
+from isi.initializers.api import INITIALIZERS, InitResult, initializer
+from isi.initializers.context import InitContext
 from tests.environment import CAN_MOUNT, OWN_MOUNTS, PATIENCE, wait_for
 from tests.live_processes import COMMAND, connect, lines, piped, socket_of
 from tests.small_bundle import random_bundle

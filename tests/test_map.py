@@ -18,7 +18,7 @@ from isi.checks.sample import sample_context
 from isi.config import Option
 from isi.initializers import evidence
 from isi.initializers import map as maximum
-from isi.initializers.api import InitContext
+from isi.initializers.context import InitContext
 from isi.initializers.evidence import Evidence, evidence_of, spread
 from isi.initializers.newton import newton_step, step_size
 from isi.models.stack import NotFinite, mapped

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 import isi
 from isi.errors import InputError
 from isi.graph.vocabulary import Vocabulary
-from isi.live.bundle import read
+from isi.home.bundle import read
 from isi.names import clean, name_fault, plain
 from tests.observing import observe, written
 from tests.small_bundle import NAMES, home_of, small

@@ -15,8 +15,8 @@ from isi.config import Count, check, keywords, options
 from isi.errors import InputError
 from isi.initializers.api import INITIALIZERS, initializer
 from isi.initializers.paper import mean
-from isi.params import Params, check_params, load
 from isi.tables import paths
+from stages.params import Params, check_params, load
 from tests.small_params import small_params
 from tools.workspace import DROP, change_all
 

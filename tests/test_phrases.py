@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 
 from isi.errors import InputError
 from isi.graph.words import read_vectors
-from isi.live import phrases
-from isi.live.bundle import MODEL
-from isi.live.phrases import (
+from isi.home import phrases
+from isi.home.bundle import MODEL
+from isi.home.phrases import (
     HEAD_NOUN,
     LEAST,
     PhraseVectors,

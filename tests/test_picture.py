@@ -11,8 +11,8 @@ import pytest
 
 from isi.analyses import demonstration
 from isi.analyses.demonstration import ANSWERS, COMPUTED, DRAWS, draws, median_draw, registered
-from isi.analyses.projection import Projection, ticks
-from isi.report.explorer import TEMPLATES
+from stages.projection import Projection, ticks
+from stages.report.explorer import TEMPLATES
 from tests.small_explorer import NAMES, Shown, scores, small
 
 

@@ -20,8 +20,8 @@ import yaml
 from dvc.repo import Repo
 from safetensors.torch import load_file, save_file
 
-from isi.live.bundle import read
-from isi.report.tables.estimates import combined
+from isi.home.bundle import read
+from stages.report.tables.estimates import combined
 from tests.small_pipeline import EXPERIMENTS, INITIALIZERS, SMALL, Dvc, dvc, set_param, stages_run
 from tools import workspace
 
@@ -362,7 +362,7 @@ def test_params_and_code_are_dependencies_of_the_stages_that_read_them_alone(
             *of_es,
         },
         "isi/analyses/trajectory.py": {"trace_trajectory@ai2thor"},
-        "isi/report/figures.py": set(),
+        "stages/report/figures.py": set(),
         "isi/errors.py": set(),
         "isi/cli/__init__.py": set(),
     }

@@ -56,7 +56,7 @@ MODULES = {
     "initializer": "isi/initializers/nearest.py",
     "model": "isi/models/transh.py",
     "source": "isi/sources/notebook.py",
-    "table": "isi/report/tables/query_counts.py",
+    "table": "stages/report/tables/query_counts.py",
     "stage": "stages/count_triples.py",
 }
 
@@ -80,7 +80,7 @@ def test_what_a_user_adds_goes_from_its_files_to_the_report(tmp_path: Path, dvc:
     for addition, name in MODULES.items():
         (tmp_path / name).write_text(documented.code(f"own {addition}"), encoding="utf-8")
     entry, before = documented.block("own table entry", "yaml"), "    - name: graph_totals\n"
-    replace_once(tmp_path / "isi/report/items.yaml", before, f"{entry}{before}")
+    replace_once(tmp_path / "stages/report/items.yaml", before, f"{entry}{before}")
     stage = documented.block("own stage dvc", "yaml").removeprefix("stages:\n")
     replace_once(tmp_path / "dvc.yaml", "\nplots:\n", f"\n{stage}\nplots:\n")
     table = "\n".join(["head,relation,tail,count", *NOTEBOOK])

@@ -15,7 +15,8 @@ import isi
 from isi.errors import InputError
 from isi.evaluation.platt import PlattCurve, fit_platt
 from isi.graph.graph import HEAD, RELATION, TAIL
-from isi.initializers.api import INITIALIZERS, InitContext, InitResult, initializer, without_weights
+from isi.initializers.api import INITIALIZERS, InitResult, initializer, without_weights
+from isi.initializers.context import InitContext
 from isi.insertion.hidden import HiddenDraws
 from isi.insertion.probability import LEAST_RIGHT
 from isi.insertion.result import Inserted

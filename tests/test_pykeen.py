@@ -26,8 +26,8 @@ from pykeen.utils import clamp_norm
 from torch.optim import SGD, Adam
 
 from isi.initializers.api import INITIALIZERS
+from isi.initializers.inverses import both_ways, unpack_first
 from isi.insertion.engine import Method
-from isi.insertion.inverses import both_ways, unpack_first
 from isi.insertion.probability import fit_curves
 from isi.models.model import Model, register_model
 from isi.pykeen import InteractionModel, read_model

@@ -12,7 +12,7 @@ import torch
 
 import isi
 from isi.errors import InputError
-from isi.live.answers import Answer
+from isi.home.answers import Answer
 from tests.small_pykeen import ENTITIES, RELATIONS, model_of, ring
 
 pytest.importorskip("pykeen")

@@ -8,11 +8,11 @@ import torch
 from isi.analyses.affordances import rank_answers, ranks_of
 from isi.evaluation.query_sets import query_sets
 from isi.evaluation.ranking import evaluate, measure_rows
-from isi.experiment.breakdown import break_down
-from isi.experiment.grid import GridPoints
 from isi.graph.sessions import OUT, TEST, TRAIN, VALID
 from isi.models.stack import Embedding, select
-from isi.report.tables.estimates import combined
+from stages.breakdown import break_down
+from stages.grid import GridPoints
+from stages.report.tables.estimates import combined
 from tests.small_graphs import ANALOGY, graph_of, points_of, random_embedding, random_graph
 
 POINT = ["seed", "scope"]

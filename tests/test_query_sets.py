@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from isi.evaluation.changes import CHANGES, change_rows, changed_query_sets, with_weighted_changes
 from isi.evaluation.query_sets import query_sets, validation, with_weighted
 from isi.evaluation.ranking import MEASURES, evaluate, measure_rows
-from isi.experiment.grid import known_shares
 from isi.graph.sessions import TEST, TRAIN, VALID
+from stages.grid import known_shares
 from tests.plain_ranks import won
 from tests.small_graphs import Triple, points_of, random_graph
 from tests.small_worlds import World, worlds

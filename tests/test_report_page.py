@@ -11,8 +11,8 @@ import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
-from isi.report import charts, figures, page
-from isi.report.items import BAR, PAGES
+from stages.report import charts, figures, page
+from stages.report.items import BAR, PAGES
 from tests import committed
 
 ROOT = Path(__file__).parent.parent

@@ -14,14 +14,8 @@ from torch import Tensor
 import isi
 from isi.evaluation.filtered import EndQueries
 from isi.graph.graph import HEAD, TAIL
-from isi.initializers.api import (
-    INITIALIZERS,
-    InitContext,
-    InitResult,
-    Registered,
-    initializer,
-    without_weights,
-)
+from isi.initializers.api import INITIALIZERS, InitResult, Registered, initializer, without_weights
+from isi.initializers.context import InitContext
 from isi.insertion.arguments import stack_of_one
 from isi.insertion.hidden import Candidate, HiddenDraws, HoldOut
 from isi.insertion.selection import Selection, compare, value

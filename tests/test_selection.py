@@ -2,7 +2,7 @@
 
 import pytest
 
-from isi.report.tables.method import select_size
+from stages.report.tables.method import select_size
 
 LEVEL = [0.6] * 6
 

@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 from isi.errors import InputError
 from isi.evaluation.changes import changed_query_sets
 from isi.evaluation.query_sets import query_sets
-from isi.experiment.store import Store
 from isi.graph.graph import ENTITIES, TRIPLES, Graph, MinedSource, build_graph, build_tables
 from isi.graph.sessions import (
     OUT,
@@ -35,6 +34,7 @@ from isi.graph.sessions import (
     split,
 )
 from isi.tables import paths
+from stages.store import Store
 from tests.observing import observations_of
 from tests.small_graphs import InsertFrom, as_stored, generator, graph_of, points_of, random_graph
 

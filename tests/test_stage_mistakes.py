@@ -15,16 +15,16 @@ import torch
 
 from isi.analyses.variants import VARIANT_RUNS
 from isi.errors import LONGEST, InputError, short, suggestion
-from isi.experiment.breakdown import QUERY_BREAKDOWN
-from isi.experiment.store import INITIAL_VECTORS, MEASURE_CHANGES, RUNS, THETA0
 from isi.graph.graph import ENTITIES, TRIPLES
 from isi.graph.sessions import INSERT_TRIPLES, NOVEL, SPLITS
 from isi.graph.words import WORD_VECTORS
-from isi.pipeline import missing
 from isi.sources import KINDS as KIND_TABLE
 from isi.sources import OBSERVATIONS
 from isi.tables import io, paths
 from isi.tables.table import concat
+from stages.breakdown import QUERY_BREAKDOWN
+from stages.pipeline import missing
+from stages.store import INITIAL_VECTORS, MEASURE_CHANGES, RUNS, THETA0
 from tests import stage_run
 from tests.stage_workspace import (
     KINDS,

@@ -12,13 +12,13 @@ import torch
 from safetensors import safe_open
 
 from isi.errors import InputError
-from isi.experiment.store import MEASURE_CHANGES, RUNS
 from isi.graph.graph import ENTITIES, TRIPLES
 from isi.graph.sessions import NOVEL
 from isi.sources import KINDS
 from isi.tables import io
 from isi.tables.rules import ArrowType
 from isi.tables.table import Table, concat
+from stages.store import MEASURE_CHANGES, RUNS
 from tests.example_tables import ROWS, rows_of
 
 MADE = "some_stage"
@@ -118,8 +118,10 @@ def test_without_parts_a_table_has_no_rows(tmp_path: Path) -> None:
 def test_metadata_names_the_stage_and_nothing_else(tmp_path: Path) -> None:
     io.write_tensors(tmp_path / "t.safetensors", {"entity": torch.zeros(1)}, MADE)
     with safe_open(tmp_path / "t.safetensors", framework="pt") as file:
-        assert file.metadata() == {"isi.stage": MADE}
-    assert pq.read_schema(novel(tmp_path / "t.parquet")).metadata == {b"isi.stage": MADE.encode()}
+        assert file.metadata() == {"stages.stage": MADE}
+    assert pq.read_schema(novel(tmp_path / "t.parquet")).metadata == {
+        b"stages.stage": MADE.encode()
+    }
 
 
 def test_equal_tensors_are_equal_bytes(tmp_path: Path) -> None:

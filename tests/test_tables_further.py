@@ -8,10 +8,10 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from isi.report.tables.data import Experiment, Models
-from isi.report.tables.estimates import ENDS
-from isi.report.tables.further import Further, VariantRuns
-from isi.report.tables.registry import frames_of
+from stages.report.tables.data import Experiment, Models
+from stages.report.tables.estimates import ENDS
+from stages.report.tables.further import Further, VariantRuns
+from stages.report.tables.registry import frames_of
 
 ROOT = Path(__file__).parent.parent
 TABLES = ROOT / "reports/beyond/tables"

@@ -11,11 +11,11 @@ import pytest
 import yaml
 from matplotlib.colors import to_rgb
 
-from isi.report import charts
-from isi.report.tables import headlines, method, paper, results
-from isi.report.tables.data import Experiment, Models
-from isi.report.tables.estimates import MEASURES
-from isi.report.tables.statistics import ISI, Statistics, best_indicators
+from stages.report import charts
+from stages.report.tables import headlines, method, paper, results
+from stages.report.tables.data import Experiment, Models
+from stages.report.tables.estimates import MEASURES
+from stages.report.tables.statistics import ISI, Statistics, best_indicators
 
 NAN = float("nan")
 ROOT = Path(__file__).parent.parent

@@ -14,12 +14,12 @@ import yaml
 from isi.errors import InputError
 from isi.evaluation.query_sets import query_sets
 from isi.evaluation.ranking import evaluate
-from isi.experiment.grid import GridPoints
 from isi.graph.sessions import OUT, TEST, TRAIN, VALID
 from isi.graph.words import read_vectors
-from isi.params import load
 from isi.sources.triples import shipped_names
 from isi.tables import paths
+from stages.grid import GridPoints
+from stages.params import load
 from tests.small_graphs import points_of, random_embedding, random_graph
 from tools import headline, repro, workspace
 from tools.choose_initializers import about, hide, settings_of

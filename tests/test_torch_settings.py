@@ -10,7 +10,7 @@ import pytest
 import torch
 
 import isi
-from isi.live.embedding import LiveEmbedding
+from isi.home.embedding import LiveEmbedding
 from isi.models.losses import Loss
 from tests.small_embedding import named
 from tests.small_live import KNOWN

@@ -19,8 +19,8 @@ from isi.evaluation.filtered import end_queries, random_ranks
 from isi.experiment.train import TrainConfig, warn_of_batch
 from isi.graph.graph import Graph, build_graph
 from isi.graph.sessions import TEST, TRAIN, VALID
-from isi.live.bundle import write
-from isi.live.train import (
+from isi.home.bundle import write
+from isi.home.train import (
     OBSERVED,
     PER_TRIPLE,
     described,

@@ -11,7 +11,6 @@ from torch.nn.functional import logsigmoid
 
 from isi.evaluation.query_sets import GROUPS, query_sets, validation
 from isi.evaluation.ranking import evaluate
-from isi.experiment.grid import GridPoints
 from isi.graph.sessions import OUT, TRAIN, session_of
 from isi.models.model import make_model
 from isi.models.stack import Embedding, select, uniform
@@ -29,6 +28,7 @@ from isi.training.trainer import (
     train,
     train_until_best,
 )
+from stages.grid import GridPoints
 from tests.small_graphs import ANALOGY, graph_of, points_of, random_embedding, random_graph
 
 SAMPLED = Negatives(mode="sampled", ratio=3)

@@ -28,12 +28,12 @@ from isi.analyses.variants import (
 )
 from isi.errors import InputError
 from isi.evaluation.changes import change_rows
-from isi.experiment.breakdown import break_down
 from isi.experiment.insert import InsertConfig, insert_stack, joint_targets, with_vectors
 from isi.experiment.train import TrainConfig, evaluate_stack
-from isi.params import load as load_params
-from isi.params import load_beyond
 from isi.tables import paths
+from stages.breakdown import break_down
+from stages.params import load as load_params
+from stages.params import load_beyond
 from tests import stage_run
 from tests.beyond_entries import GRAPH as GRAPH_EXPERIMENT
 from tests.beyond_entries import VARIANT, copy_pipelines, list_entries

@@ -10,15 +10,15 @@ import torch
 
 from isi.evaluation.query_sets import query_sets, with_weighted
 from isi.evaluation.ranking import evaluate, measure_rows
-from isi.experiment.grid import GridPoints, known_shares
 from isi.graph.graph import build_graph
 from isi.graph.sessions import TEST, TRAIN, session_at
 from isi.initializers.api import INITIALIZERS
-from isi.insertion.engine import context_in_session
+from isi.initializers.context import context_in_session
 from isi.models.model import make_model
 from isi.models.stack import Embedding, uniform
 from isi.training.batches import Negatives, training_data
 from isi.training.trainer import Optimizer, train
+from stages.grid import GridPoints, known_shares
 
 ENTITIES = pd.DataFrame(
     {

@@ -20,10 +20,7 @@ from torch import Tensor
 
 from isi.evaluation.query_sets import query_sets
 from isi.evaluation.ranking import Queries, evaluate, make_queries, padded_ids
-from isi.experiment.grid import GridPoints
 from isi.experiment.insert import init_context, with_vectors
-from isi.experiment.runner import run
-from isi.experiment.store import Store
 from isi.experiment.train import train_stack
 from isi.graph.sessions import (
     OUT,
@@ -36,8 +33,11 @@ from isi.graph.sessions import (
 )
 from isi.initializers.api import INITIALIZERS, options_of
 from isi.models.stack import Embedding
-from isi.params import Params, load
 from isi.random import stream
+from stages.grid import GridPoints
+from stages.params import Params, load
+from stages.runner import run
+from stages.store import Store
 from tools.choose_models import combinations
 from tools.docs import BENCHMARKS, write_table
 from tools.figures import STYLE, rendered

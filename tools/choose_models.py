@@ -12,12 +12,12 @@ from itertools import product
 import numpy as np
 import pandas as pd
 
-from isi.experiment.grid import GridPoints
-from isi.experiment.runner import run
-from isi.experiment.store import Store
 from isi.experiment.train import TrainConfig, train_stack
 from isi.models.model import make_model
-from isi.params import load
+from stages.grid import GridPoints
+from stages.params import load
+from stages.runner import run
+from stages.store import Store
 from tools.docs import write_table
 
 SEEDS = 2

@@ -9,11 +9,11 @@ from pydantic import Field
 from torch import Tensor
 
 from isi.config import EachOnce, Name, Study
-from isi.experiment.grid import GridPoints
 from isi.experiment.insert import with_vectors
 from isi.models.stack import Embedding
 from isi.tables.rules import FROM_0, FROM_1, NAME
 from isi.tables.table import Table
+from stages.grid import GridPoints
 
 #: Rank of each answer to (entity, relation, ?) right after insertion.
 AFFORDANCES = Table(

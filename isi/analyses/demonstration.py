@@ -13,17 +13,17 @@ import numpy as np
 import pandas as pd
 import torch
 
-from isi.analyses.projection import Projection, ticks
-from isi.experiment.grid import GridPoints
-from isi.experiment.store import Store
 from isi.graph.sessions import sample_insert_triples
-from isi.initializers.api import INITIALIZERS, InitContext
+from isi.initializers.api import INITIALIZERS
+from isi.initializers.context import InitContext, context_in_session
 from isi.initializers.similarity import cosines
-from isi.insertion.engine import context_in_session
 from isi.models.bilinear import BlockModel
 from isi.models.model import Model
 from isi.models.stack import Embedding
 from isi.tables.table import DataFile
+from stages.grid import GridPoints
+from stages.projection import Projection, ticks
+from stages.store import Store
 
 DEMONSTRATION = DataFile("data/analyses/demonstration/{experiment}.json")
 #: Name, label, role and description of all registered initializers.

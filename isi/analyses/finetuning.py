@@ -7,13 +7,13 @@ from pydantic import Field
 
 from isi.config import Count, EachOnce, Name, Option, Study, ensure
 from isi.evaluation.query_sets import query_sets
-from isi.experiment.grid import GridPoints
-from isi.experiment.store import runs_table
 from isi.experiment.train import run_rows
 from isi.models.stack import Embedding
 from isi.tables.rules import FROM_1
 from isi.training.batches import Negatives, training_data
 from isi.training.trainer import ConvergenceWatch, Optimizer, train
+from stages.grid import GridPoints
+from stages.store import runs_table
 
 #: Rows of runs. ``k``: indicator set size.
 INDICATOR_SWEEP = runs_table(

@@ -9,13 +9,13 @@ from pydantic import Field
 from isi.config import Count, NotNegative, Positive, Section, Study
 from isi.errors import InputError
 from isi.evaluation.ranking import MEASURES
-from isi.experiment.grid import GridPoints
 from isi.experiment.train import TrainConfig, TrainResult
 from isi.graph.graph import Graph
 from isi.graph.sessions import VALID, folds
 from isi.tables import paths
 from isi.tables.rules import FROM_0, FROM_1, REAL, SHARE, at_least
 from isi.tables.table import Table
+from stages.grid import GridPoints
 
 RATE = at_least(0, REAL.type)
 #: Measures of each setting on each held-out fold, at the best epoch (section 5.3).

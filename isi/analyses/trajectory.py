@@ -10,13 +10,13 @@ import torch
 from torch import Tensor
 
 from isi.config import Count, Seed, Study
-from isi.experiment.grid import GridPoints
 from isi.experiment.insert import InsertConfig, finetune, init_context, initialize, with_vectors
 from isi.initializers import similarity
 from isi.initializers.api import INITIALIZERS, Role
 from isi.models.stack import Embedding
 from isi.tables.table import TensorFile
 from isi.training.trainer import never_stop
+from stages.grid import GridPoints
 
 #: Shapes: entity (1,), known (E,), theta0 (E, d); of each initializer: NAME.path (epochs + 1, d),
 #: NAME.indicators (E,).

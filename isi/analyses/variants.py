@@ -18,17 +18,17 @@ from isi.config import Count, Name, Option, Section, check, ensure
 from isi.errors import InputError
 from isi.evaluation.changes import change_rows
 from isi.evaluation.query_sets import with_weighted
-from isi.experiment.breakdown import break_down, breakdown_table
-from isi.experiment.grid import JOINT_MODEL, GridPoints, known_shares
 from isi.experiment.insert import InsertConfig, insert_stack, joint_targets, with_vectors
-from isi.experiment.runner import Compute, run, stack_height
-from isi.experiment.store import Store, runs_table
 from isi.experiment.train import TrainConfig, evaluate_stack, measured_sets, train_stack
 from isi.graph.sessions import SessionsOf
 from isi.graph.words import Words, load_vectors, look_up
 from isi.models.stack import Embedding
 from isi.random import stream
 from isi.tables.rules import NAME
+from stages.breakdown import break_down, breakdown_table
+from stages.grid import JOINT_MODEL, GridPoints, known_shares
+from stages.runner import Compute, run, stack_height
+from stages.store import Store, runs_table
 
 S = TypeVar("S", bound=Section)
 

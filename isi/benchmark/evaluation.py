@@ -121,7 +121,7 @@ def read(
 def _of_pykeen(model: Any, factory: Any) -> NamedEmbedding:
     from pykeen.models import ERModel
 
-    from isi.insertion.inverses import pack
+    from isi.initializers.inverses import pack
     from isi.pykeen.insertion import of_result, vocabularies_of
     from isi.pykeen.reading import read_model
 

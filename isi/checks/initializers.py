@@ -18,12 +18,12 @@ from isi.initializers.api import (
     FALLBACKS,
     INITIALIZERS,
     NONE,
-    InitContext,
     Initializer,
     InitResult,
     NoRelationMap,
     Registered,
 )
+from isi.initializers.context import InitContext
 from isi.models.bilinear import DistMult
 from isi.models.distance import TransE
 from isi.models.model import Model

@@ -6,8 +6,7 @@ import torch
 from isi.errors import InputError
 from isi.graph.graph import HEAD, TAIL, Graph
 from isi.graph.sessions import OUT, TEST, TRAIN, VALID, Session, touches
-from isi.initializers.api import InitContext
-from isi.insertion.engine import context_in_session
+from isi.initializers.context import InitContext, context_in_session
 from isi.models.model import Model
 from isi.models.stack import uniform
 

@@ -22,10 +22,10 @@ from isi.errors import InputError, at
 from isi.tables import paths
 
 if TYPE_CHECKING:
-    from isi.live.answers import Answer
-    from isi.live.changes import Effect
-    from isi.live.embedding import LiveEmbedding
-    from isi.live.explain import Explanation, Report
+    from isi.home.answers import Answer
+    from isi.home.changes import Effect
+    from isi.home.embedding import LiveEmbedding
+    from isi.home.explain import Explanation, Report
 
 FEW = 5  #: Queries, notes and indicators in a text, unless ``--verbose``.
 LISTED = 20  #: Names of entities in a text.
@@ -217,7 +217,7 @@ def history(
     json: Json = False,
 ) -> None:
     """List all changes, those that were undone included; or facts that may have changed."""
-    from isi.live.stream import AGE
+    from isi.home.stream import AGE
 
     if stale is not None:
         with at("--stale"):
@@ -462,7 +462,7 @@ def open_home(path: Path, dry_run: bool = False) -> LiveEmbedding:
     gc.disable()
     import torch
 
-    from isi.live.embedding import open_live
+    from isi.home.embedding import open_live
 
     gc.freeze()
     gc.enable()

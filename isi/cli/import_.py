@@ -8,10 +8,10 @@ from cyclopts import Parameter
 from isi.cli import NewFolder, Settings, flags, settings
 from isi.cli.output import refuse_inputs
 from isi.errors import InputError
-from isi.live.bundle import MANIFEST, Bundle, read
-from isi.live.home import Home, check_free
-from isi.live.importer import of_tables, read_labels, read_tables
-from isi.live.phrases import with_words
+from isi.home.bundle import MANIFEST, Bundle, read
+from isi.home.database import Home, check_free
+from isi.home.importer import of_tables, read_labels, read_tables
+from isi.home.phrases import with_words
 from isi.models.losses import Loss
 from isi.models.model import MODELS
 

@@ -1,5 +1,5 @@
 """``isi live``: a process that has an embedding open,
-and answers requests in lines of JSON (``isi.live.stream``).
+and answers requests in lines of JSON (``isi.home.stream``).
 """
 
 from contextlib import suppress
@@ -21,8 +21,8 @@ def live(
     """Answer requests until the input ends, or until SIGTERM or Ctrl-C."""
     import torch
 
-    from isi.live.embedding import open_live
-    from isi.live.stream import answer_input, prepared_beside, serve
+    from isi.home.embedding import open_live
+    from isi.home.stream import answer_input, prepared_beside, serve
 
     torch.set_num_threads(1)  # so that equal requests have equal answers
     with open_live(home) as live, prepared_beside(live), suppress(SystemExit):

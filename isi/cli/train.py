@@ -64,10 +64,10 @@ def train(
     import torch
 
     from isi.graph.files import path_of, read_graph
-    from isi.live.embedding import LiveEmbedding, open_live
-    from isi.live.home import Home, check_free
-    from isi.live.phrases import with_words
-    from isi.live.train import described, is_home, train_again, train_bundle
+    from isi.home.database import Home, check_free
+    from isi.home.embedding import LiveEmbedding, open_live
+    from isi.home.phrases import with_words
+    from isi.home.train import described, is_home, train_again, train_bundle
 
     torch.set_num_threads(1)  # so that equal commands train equal vectors
     options = {

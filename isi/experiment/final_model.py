@@ -6,12 +6,12 @@ import numpy as np
 import pandas as pd
 
 from isi.errors import InputError
-from isi.experiment.grid import GridPoints
 from isi.experiment.train import TrainConfig, training_start
 from isi.graph.graph import Graph
 from isi.graph.sessions import TRAIN
 from isi.models.stack import Embedding
 from isi.training.trainer import train
+from stages.grid import GridPoints
 
 
 def usual_epochs(log: pd.DataFrame) -> int:

@@ -18,19 +18,19 @@ from isi.evaluation.changes import CHANGES, change_rows, with_weighted_changes
 from isi.evaluation.query_sets import with_weighted
 from isi.evaluation.ranking import Queries
 from isi.evaluation.scopes import SCOPES
-from isi.experiment.breakdown import QUERY_BREAKDOWN, break_down
-from isi.experiment.grid import JOINT_MODEL, GridPoints, known_shares
-from isi.experiment.runner import Compute, run
-from isi.experiment.store import MEASURE_CHANGES, RUNS, Store
 from isi.experiment.train import measured_sets, run_rows
-from isi.initializers.api import INITIALIZERS, InitContext, InitResult
-from isi.insertion.engine import context_in_session
+from isi.initializers.api import INITIALIZERS, InitResult
+from isi.initializers.context import InitContext, context_in_session
 from isi.models.model import Model
 from isi.models.stack import Embedding
 from isi.tables.table import concat
 from isi.training import trainer
 from isi.training.batches import Negatives, training_data
 from isi.training.trainer import ConvergenceWatch, Optimizer, Target, Watch
+from stages.breakdown import QUERY_BREAKDOWN, break_down
+from stages.grid import JOINT_MODEL, GridPoints, known_shares
+from stages.runner import Compute, run
+from stages.store import MEASURE_CHANGES, RUNS, Store
 
 InitializerList = Annotated[Names, Field(min_length=1)] | Literal["all"]  #: Of an experiment.
 

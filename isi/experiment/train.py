@@ -17,12 +17,12 @@ from torch import Tensor
 from isi.evaluation.changes import changed_query_sets
 from isi.evaluation.query_sets import query_sets
 from isi.evaluation.ranking import MEASURES, Queries, Result, evaluate, measure_rows
-from isi.experiment.grid import GridPoints
 from isi.models.model import Model
 from isi.models.stack import Embedding, uniform
 from isi.training import trainer
 from isi.training.batches import Negatives, TrainingData, training_data
 from isi.training.trainer import Training
+from stages.grid import GridPoints
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from typing import Any
 import pandas as pd
 
 from isi.columns import COUNT
-from isi.errors import InputError
+from isi.errors import NO_SUCH_FILE, InputError
 from isi.graph.graph import GraphTables, MinedSource, build_tables
 from isi.sources import READERS, Source
 from isi.sources.names import ENTITY
@@ -82,7 +82,7 @@ def reader_of(file: Path) -> str:
     suffix. ``InputError`` if none fits.
     """
     if not file.exists():
-        raise InputError(file, "", "no such file")
+        raise InputError(file, "", NO_SUCH_FILE)
     suffix = suffix_of(file)
     names = {path.name for path in file.iterdir()} if file.is_dir() else {suffix}
     for name in READERS.names():

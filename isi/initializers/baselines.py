@@ -7,7 +7,8 @@ from torch import Tensor
 
 from isi.config import NotNegative, Positive
 from isi.initializers import similarity
-from isi.initializers.api import NONE, InitContext, InitResult, initializer
+from isi.initializers.api import NONE, InitResult, initializer
+from isi.initializers.context import InitContext
 
 _WEIGHTS = [4.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0]
 _TEMPERATURES = [0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.2]

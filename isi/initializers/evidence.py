@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from isi.graph.graph import HEAD, RELATION, TAIL
-from isi.initializers.api import InitContext
+from isi.initializers.context import InitContext
 
 #: Maximum number of corrupted ends, of corrupted relations and of known triples of a novel entity.
 SAMPLE = 1536

@@ -10,7 +10,8 @@ from torch import Tensor
 
 from isi.config import Count, NotNegative, Positive
 from isi.graph.graph import HEAD, TAIL
-from isi.initializers.api import INITIALIZERS, InitContext, InitResult, initializer
+from isi.initializers.api import INITIALIZERS, InitResult, initializer
+from isi.initializers.context import InitContext
 from isi.models.losses import Loss
 from isi.random import stream
 from isi.training.rows import Earlier, Facts, Penalty, Recipe, Tables, Task, fit

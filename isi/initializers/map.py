@@ -12,12 +12,13 @@ from torch.linalg import inv_ex
 
 from isi.config import Count, NotNegative, Positive
 from isi.initializers import similarity
-from isi.initializers.api import NONE, InitContext, InitResult, initializer
+from isi.initializers.api import NONE, InitResult, initializer
 from isi.initializers.baselines import (
     entity_relation_average,
     soft_hybrid,
     soft_relational_similarity,
 )
+from isi.initializers.context import InitContext
 from isi.initializers.evidence import Evidence, evidence_of, spread
 from isi.initializers.newton import Problem, newton
 from isi.initializers.paper import kind_mean, mean

@@ -8,7 +8,8 @@ from torch import Tensor
 
 from isi.config import Count
 from isi.initializers import similarity
-from isi.initializers.api import NONE, InitContext, InitResult, initializer, without_weights
+from isi.initializers.api import NONE, InitResult, initializer, without_weights
+from isi.initializers.context import InitContext
 from isi.random import stream
 
 

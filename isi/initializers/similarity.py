@@ -9,7 +9,8 @@ from torch import Tensor
 from torch.linalg import vector_norm
 from torch.nn.functional import normalize, one_hot
 
-from isi.initializers.api import CENTROID, ES, NONE, RS, InitContext, InitResult, NoRelationMap
+from isi.initializers.api import CENTROID, ES, NONE, RS, InitResult, NoRelationMap
+from isi.initializers.context import InitContext
 
 #: Maximal E² for which cosines of all pairs, or unit vectors of all entities, are computed.
 WHOLE = 2**24

@@ -16,11 +16,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from isi.graph.graph import HEAD, RELATION, TAIL, Graph
-from isi.graph.sessions import TRAIN, Session
-from isi.initializers.api import INITIALIZERS, InitContext, InitResult, Registered
+from isi.graph.graph import HEAD, RELATION, TAIL
+from isi.initializers.api import INITIALIZERS, InitResult, Registered
+from isi.initializers.context import InitContext, context_in_session, trained_session
+from isi.initializers.inverses import unpack_first
 from isi.initializers.scale import LOGISTIC, Scale
-from isi.insertion.inverses import unpack_first
 from isi.insertion.relations import fit_relations
 from isi.models.losses import Loss, TrainingLoss
 from isi.models.model import Model
@@ -74,7 +74,7 @@ class NovelEntities:
 class Method:
     """An initializer with all its options."""
 
-    initializer: Registered  #: in the form that fits the model (``isi.insertion.inverses``)
+    initializer: Registered  #: in the form that fits the model (``isi.initializers.inverses``)
     options: Mapping[str, Any]
     why: str  #: the reason for this initializer
     trained_with: Loss | TrainingLoss = "logistic"  #: the loss that the embedding was trained with
@@ -300,70 +300,3 @@ def context_for(
         scale=novel.scale,
         start=novel.theta.entity[:, ids] if again else None,
     )
-
-
-def context_in_session(
-    theta: Embedding,
-    before: Session,
-    novel: Tensor,
-    insert_triples: Tensor,
-    words: Tensor,
-    root: int,
-    keys: Tensor,
-    listed: Tensor | None = None,
-    confidence: Tensor | None = None,
-) -> InitContext:
-    """What an initializer sees of the novel entities, (M, n), of a stack of sessions.
-
-    Args:
-        theta: Θ of the session before.
-        before: that session.
-        insert_triples: place in the stack, place in ``novel`` and triple, (I, 3), sorted.
-        words: word vectors, (E, v).
-        root: seed of the random streams; ``keys``: of each model's streams, (M, K).
-        listed: the triples that ``insert_triples`` are rows of, (L, 3); None: the graph's.
-        confidence: of these triples, (L,), float64; None: each is believed fully.
-    """
-    model, place, triple = insert_triples.T
-    slot = model * novel.shape[1] + place
-    number = torch.arange(len(slot)) - torch.searchsorted(slot, slot)  # within its entity
-    longest = int(number.max()) + 1 if len(number) else 1
-    head, relation, tail = (before.graph.triples if listed is None else listed)[triple].T
-    is_tail = tail == novel[model, place]
-
-    def padded(values: Tensor) -> Tensor:
-        table = torch.zeros(*novel.shape, longest, dtype=values.dtype)
-        table[model, place, number] = values
-        return table
-
-    return InitContext(
-        theta0=theta,
-        known=before.entities,
-        eligible=before.trained(),
-        novel=novel,
-        words=words,
-        kinds=before.graph.kinds,
-        other=padded(torch.where(is_tail, head, tail)),
-        relation=padded(relation),
-        novel_is_tail=padded(is_tail),
-        observed=padded(torch.ones_like(is_tail)),
-        triples=before.graph.triples,
-        trained=before.members(TRAIN),
-        root=root,
-        keys=keys,
-        confidence=None if confidence is None else padded(confidence[triple]),
-    )
-
-
-def trained_session(
-    triples: np.ndarray, theta: Embedding, kinds: np.ndarray | None = None
-) -> Session:
-    """A session of all entities of an embedding, with ``triples``, (T, 3),
-    as training triples of count 1.
-    """
-    entities, relations = theta.entity.shape[1], theta.relation.shape[1]
-    kind = torch.zeros(entities, dtype=torch.int64) if kinds is None else torch.from_numpy(kinds)
-    seen = torch.ones(1, dtype=torch.int64).expand(len(triples))
-    graph = Graph([""] * entities, [""] * relations, torch.from_numpy(triples), seen, kind)
-    everyone = torch.ones(1, entities, dtype=torch.bool)
-    return Session(graph, everyone, torch.full((1, len(triples)), TRAIN, dtype=torch.int8))

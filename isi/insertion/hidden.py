@@ -25,9 +25,9 @@ from isi.evaluation.filtered import EndQueries, end_queries, random_ranks
 from isi.evaluation.ranks import ahead
 from isi.graph.graph import HEAD, TAIL, Graph
 from isi.graph.sessions import OUT, TRAIN, Session, membership, touches
-from isi.initializers.api import InitContext, NoRelationMap, Registered, options_of
+from isi.initializers.api import NoRelationMap, Registered, options_of
+from isi.initializers.context import InitContext, context_in_session, trained_session
 from isi.initializers.scale import Scale, fit_scale
-from isi.insertion.engine import context_in_session, trained_session
 from isi.models.losses import Loss, TrainingLoss
 from isi.models.stack import Embedding
 from isi.random import stream

@@ -12,7 +12,7 @@ from isi.evaluation.filtered import end_queries
 from isi.evaluation.ranks import parts, scores_of, wins
 from isi.graph.graph import HEAD, TAIL
 from isi.graph.vocabulary import Vocabulary
-from isi.insertion.engine import trained_session
+from isi.initializers.context import trained_session
 from isi.models.stack import Embedding
 from isi.random import stream
 

@@ -12,7 +12,7 @@ from torch import Tensor
 from isi.evaluation.platt import PlattCurve, fit_platt
 from isi.graph.graph import RELATION
 from isi.graph.sessions import membership
-from isi.initializers.api import InitContext
+from isi.initializers.context import InitContext
 from isi.insertion.engine import Method
 from isi.insertion.hidden import HiddenDraws
 

@@ -10,10 +10,10 @@ from torch import Tensor
 from isi.errors import InputError
 from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.initializers.evidence import SAMPLE, spread
+from isi.initializers.inverses import InverseRelations, both_ways, unpack
 from isi.initializers.newton import Problem, newton
 from isi.initializers.scale import LOGISTIC, Scale
 from isi.initializers.scores import AnyScore, LinearScore
-from isi.insertion.inverses import InverseRelations, both_ways, unpack
 from isi.models.stack import Embedding
 
 WIDEST = 4096  #: Maximum length of a row; the Hessian has the square of that in elements.

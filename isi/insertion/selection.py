@@ -15,11 +15,11 @@ import numpy as np
 
 from isi.errors import InputError
 from isi.initializers.api import INITIALIZERS, Registered, options_of
+from isi.initializers.inverses import InverseRelations, unpack_first
 from isi.initializers.scale import Scale
 from isi.insertion.arguments import naming_argument
 from isi.insertion.engine import Method
 from isi.insertion.hidden import Candidate, HiddenDraws, HoldOut
-from isi.insertion.inverses import InverseRelations, unpack_first
 from isi.models.losses import Loss, TrainingLoss, loss_named
 from isi.models.model import Model
 

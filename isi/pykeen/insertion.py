@@ -18,6 +18,7 @@ from isi.config import check, is_whole
 from isi.errors import InputError, short
 from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.graph.vocabulary import Vocabulary, names_by_id
+from isi.initializers.inverses import InverseRelations, pack
 from isi.insertion.api import insert_request
 from isi.insertion.arguments import (
     Source,
@@ -25,7 +26,6 @@ from isi.insertion.arguments import (
     naming_argument,
     triples_of,
 )
-from isi.insertion.inverses import InverseRelations, pack
 from isi.insertion.request import InsertRequest, KnownEmbedding
 from isi.insertion.result import Inserted
 from isi.models.losses import Loss, TrainingLoss

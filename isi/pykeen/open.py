@@ -10,12 +10,12 @@ from pykeen.triples import CoreTriplesFactory, TriplesFactory
 
 from isi.errors import InputError
 from isi.graph.graph import RELATION
-from isi.insertion.inverses import pack
-from isi.live.bundle import Manifest, stored_loss
-from isi.live.embedding import LiveEmbedding
-from isi.live.home import Home
-from isi.live.loaded import LoadedEmbedding
-from isi.live.names import by_known_name, note_of_kinds
+from isi.home.bundle import Manifest, stored_loss
+from isi.home.database import Home
+from isi.home.embedding import LiveEmbedding
+from isi.home.loaded import LoadedEmbedding
+from isi.home.names import by_known_name, note_of_kinds
+from isi.initializers.inverses import pack
 from isi.models.model import name_of, stored_options
 from isi.models.stack import usual_torch
 from isi.names import plain

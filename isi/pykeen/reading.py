@@ -23,7 +23,7 @@ from torch.nn.functional import normalize
 
 from isi.errors import InputError
 from isi.initializers.api import NoRelationMap
-from isi.insertion.inverses import both_ways
+from isi.initializers.inverses import both_ways
 from isi.models.losses import Loss, TrainingLoss, loss_named
 from isi.models.model import CONSTRAINTS, MODELS, ConstrainedModel, Model
 from isi.models.stack import Embedding, margin_of

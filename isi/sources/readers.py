@@ -22,7 +22,7 @@ from pydantic_core import from_json
 
 from isi import config
 from isi.columns import COUNT, KNOWN, OTHER_NAMES, TRIPLE, known_columns
-from isi.errors import InputError, at, cut, extra, is_of_pyarrow, short
+from isi.errors import NO_SUCH_FILE, InputError, at, cut, extra, is_of_pyarrow, short
 from isi.names import clean, name_fault
 from isi.tables.rules import MOST_OBSERVED
 
@@ -51,7 +51,7 @@ def reading(path: Path, content: str, place: Callable[[], str] = str) -> Iterato
         if not isinstance(error, UNREADABLE) and not is_of_pyarrow(error):
             raise
         if isinstance(error, FileNotFoundError):
-            raise InputError(path, "", "no such file") from error
+            raise InputError(path, "", NO_SUCH_FILE) from error
         raise InputError(path, place(), f"expected {content} ({cut(str(error), 120)})") from error
 
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from isi.errors import InputError, at, unwritable
+from isi.errors import NO_SUCH_FILE, InputError, at, unwritable
 from isi.process import is_running
 
 if TYPE_CHECKING:
@@ -29,9 +29,7 @@ def opening(path: Path, form: str, fault: type[Exception]) -> Iterator[None]:
     try:
         yield
     except FileNotFoundError as error:
-        from isi.pipeline import missing  # imported here: only this error needs the pipelines
-
-        raise missing(path) from error
+        raise InputError(path, "", NO_SUCH_FILE) from error
     except (OSError, fault) as error:
         why = next(iter(str(error).splitlines()), type(error).__name__)
         raise InputError(path, "", f"expected {form} ({why})") from error

@@ -14,9 +14,9 @@ import torch
 from isi.config import read
 from isi.graph.graph import Graph, MinedSource, build_graph, build_tables
 from isi.graph.sessions import Session, session_of, split
-from isi.params import Params, load
 from isi.sources import Source
 from isi.tables import paths
+from stages.params import Params, load
 
 
 def pytest_benchmark_update_machine_info(machine_info: dict[str, Any]) -> None:

@@ -19,8 +19,8 @@ import numpy as np
 import pytest
 
 import isi
-from isi.live.bundle import Bundle, Fact, Manifest
-from isi.live.embedding import LiveEmbedding
+from isi.home.bundle import Bundle, Fact, Manifest
+from isi.home.embedding import LiveEmbedding
 
 ENTITIES, DIMENSION, TRIPLES, OBJECTS = 145, 100, 1_009, 40
 RELATIONS = ["at", "of", "for"]

@@ -22,7 +22,7 @@ from isi.graph.graph import Graph
 from isi.graph.sessions import TEST, TRAIN, VALID, Session, sample_novel
 from isi.models.model import make_model
 from isi.models.stack import Embedding, uniform
-from isi.params import Params
+from stages.params import Params
 from tests.benchmarks.conftest import split_session
 
 SCOPES_MODELS = 5

@@ -31,10 +31,10 @@ from isi.graph.graph import Graph
 from isi.graph.sessions import TRAIN, session_of
 from isi.models.model import make_model
 from isi.models.stack import uniform
-from isi.params import Params
 from isi.training import trainer
 from isi.training.batches import TrainingData, training_data
 from isi.training.trainer import Training
+from stages.params import Params
 from tests.benchmarks.conftest import split_session
 from tests.small_graphs import random_graph
 

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import isi
-from isi.live.bundle import Bundle
+from isi.home.bundle import Bundle
 from isi.tables import paths
 from tests.mistakes.calls import Typed
 from tests.small_bundle import home_of, written

@@ -23,9 +23,9 @@ from isi.errors import InputError, at
 from isi.graph.files import read_graph
 from isi.graph.graph import TRIPLES, MinedSource, build_tables
 from isi.graph.words import look_up, read_vectors
-from isi.live.embedding import LiveEmbedding
-from isi.live.stream import answer
-from isi.live.train import tables_of
+from isi.home.embedding import LiveEmbedding
+from isi.home.stream import answer
+from isi.home.train import tables_of
 from isi.names import name_fault
 from isi.recorder import Recording
 from isi.sources import KINDS, OBSERVATIONS, Source

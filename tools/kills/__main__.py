@@ -26,7 +26,7 @@ from pathlib import Path
 import pandas as pd
 from tqdm import tqdm
 
-from isi.live.home import Home
+from isi.home.database import Home
 from tests.small_live import KNOWN
 from tools.kills import home
 from tools.kills.workspace import SIGNALS, WHOM, Fault, Lost, Workspace

@@ -18,9 +18,9 @@ from pathlib import Path
 import numpy as np
 
 import isi
-from isi.live.bundle import Bundle, Fact
-from isi.live.embedding import LiveEmbedding
-from isi.live.home import Home
+from isi.home.bundle import Bundle, Fact
+from isi.home.database import Home
+from isi.home.embedding import LiveEmbedding
 from isi.process import errors_in_one_line
 from tests.environment import ENVIRONMENT
 from tests.small_live import KNOWN, TRAINED, facts_of

@@ -1,0 +1,187 @@
+"""Ranked answers to a query, each with a calibrated probability,
+which is comparable between queries.
+
+The probability estimates the share of known answers among answers of equal score (Platt 1999): a
+logistic curve of the score. For a known entity, there is a curve for each relation and slot, fitted
+to the candidate answers to queries about the entities (or a sample of them) in known triples of the
+relation. For an inserted entity, the curves are fitted to hidden known entities that were inserted
+in the same way (``isi.insertion.probability``). In both cases a true but unknown answer counts as
+wrong, and vectors trained together with the answers flatter them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from isi.evaluation.platt import PlattCurve, fit_platt
+from isi.graph.graph import HEAD, TAIL
+from isi.home.bundle import Fact
+from isi.home.loaded import LoadedEmbedding, Query, answers_in
+
+#: Least probability of an answer that is stated as one. With it, four in five of the best answers
+#: about hidden objects of AI2-THOR were right (docs/command.md).
+LIKELY = 0.3
+#: Maximum number of answers and of queried entities per curve.
+MOST_ANSWERS, MOST_ENTITIES = 2**19, 256
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A known or predicted answer: an entity, or a relation."""
+
+    entity: str  #: or the relation that is asked for
+    rank: int  #: of its score among the candidates, from 1
+    score: float
+    probability: float | None  #: calibrated; None without a curve
+    given: bool  #: whether it makes a fact that was added after training
+    known: bool  #: whether it makes a known triple, given or trained on
+    inserted: bool  #: whether it is an inserted entity
+    #: indicators with this known answer; None if no indicators were given
+    shared_by: list[str] | None = None
+
+    @property
+    def unsupported(self) -> bool:
+        """Whether it is probable (no curve: rank 1),
+        but neither known nor an answer of an indicator.
+        """
+        likely = self.rank == 1 if self.probability is None else self.probability >= LIKELY
+        return likely and not self.known and self.shared_by == []
+
+
+@dataclass(frozen=True)
+class Answers:
+    """The best answers to a query: first known ones, of these first given ones,
+    then predictions by their score.
+    """
+
+    query: Fact  #: names, with ``?`` in place of the answer
+    answers: list[Answer]
+    notes: list[str] = field(default_factory=list)  #: which known name a name was taken for
+
+    @property
+    def sure(self) -> bool:
+        """Whether an answer is known, or its probability is at least ``LIKELY``;
+        true without probabilities.
+        """
+        return any(
+            best.known or best.probability is None or best.probability >= LIKELY
+            for best in self.answers
+        )
+
+
+Curve = Callable[[Tensor], Tensor]  #: From scores, (N,), to probabilities.
+
+
+def answer(
+    opened: LoadedEmbedding,
+    query: Query,
+    most: int,
+    curve: Curve | None,
+    *,
+    new: bool = False,
+    among: Collection[int] | None = None,
+    indicators: Collection[int] | None = None,
+) -> Answers:
+    """The ``most`` best answers.
+
+    ``new``: without what is known; ``among``: ids of the candidates, if they are named;
+    ``indicators``: ids, for ``Answer.shared_by``.
+    """
+    entities, scores = opened.ranked(query, among)
+    names, rows = opened.entity_names, entities.numpy()
+    known = np.isin(rows, list(opened.answers(query)))
+    added = opened.triples[len(opened.triples) - opened.added :]
+    given = np.isin(rows, list(answers_in(added, query)))
+    usual = opened.candidates(query.relation, HEAD + TAIL - query.slot)
+    if query.given not in usual and not known.any():
+        curve = torch.zeros_like  # no known triple asks this of its kind
+    order = np.lexsort([~known, ~given])
+    order = order[~known[order]][:most] if new else order[:most]
+    shared = {row: opened.answers(query._replace(given=row)) for row in indicators or ()}
+    probabilities = _probabilities(curve, scores[order])
+    listed = list[Answer]()
+    for place, probability in zip(order.tolist(), probabilities, strict=True):
+        row = int(rows[place])
+        sharing = [names[other] for other, answers in shared.items() if row in answers]
+        best = Answer(
+            entity=names[row],
+            rank=place + 1,
+            score=scores[place].item(),
+            probability=probability,
+            given=bool(given[place]),
+            known=bool(known[place]),
+            inserted=row >= len(names) - opened.inserted,
+            shared_by=None if indicators is None else sharing,
+        )
+        listed.append(best)
+    return Answers(opened.named(query), listed)
+
+
+def answer_relation(
+    opened: LoadedEmbedding,
+    head: int,
+    tail: int,
+    most: int,
+    curve_of: Callable[[int], Curve | None],
+    new: bool = False,
+) -> Answers:
+    """The relations between two entities: known ones (unless ``new``), then the most probable.
+    Kinds that do not fit: probability 0.
+    """
+    added = opened.triples[len(opened.triples) - opened.added :]
+    names, labels = opened.entity_names, opened.relation_names
+    scores = opened.embedding.score_relations(torch.tensor([[head]]), torch.tensor([[tail]]))[0, 0]
+    rows = []
+    for place, relation in enumerate(scores.sort(descending=True, stable=True).indices.tolist()):
+        if tail in answers_in(opened.retracted, Query(head, relation, TAIL)):
+            continue
+        fits = tail in opened.candidates(relation, TAIL) and head in opened.candidates(
+            relation, HEAD
+        )
+        (probability,) = _probabilities(curve_of(relation), scores[[relation]]) if fits else [0.0]
+        known = tail in opened.answers(Query(head, relation, TAIL))
+        if known and new:
+            continue
+        given = tail in answers_in(added, Query(head, relation, TAIL))
+        score = scores[relation].item()
+        rows.append(Answer(labels[relation], place + 1, score, probability, given, known, False))
+    rows.sort(key=lambda row: (not row.given, not row.known, -(row.probability or 0.0)))
+    return Answers((names[head], "?", names[tail]), rows[:most])
+
+
+def completed(opened: LoadedEmbedding, query: Query, answer: int) -> Fact:
+    """The triple of a query and its answer, by name."""
+    ends = (query.given, answer) if query.slot == TAIL else (answer, query.given)
+    return (
+        opened.entity_names[ends[0]],
+        opened.relation_names[query.relation],
+        opened.entity_names[ends[1]],
+    )
+
+
+def _probabilities(curve: Curve | None, scores: Tensor) -> list[Any]:
+    return [None] * len(scores) if curve is None else curve(scores).tolist()
+
+
+def fit_curve(opened: LoadedEmbedding, relation: int, slot: int) -> PlattCurve | None:
+    """The curve for a relation and the slot of the answer, from known triples;
+    None if the relation has none.
+    """
+    given = opened.in_slot(relation, HEAD if slot == TAIL else TAIL)
+    if not given:
+        return None
+    most = max(1, min(MOST_ENTITIES, MOST_ANSWERS // len(opened.entities)))
+    sample, candidates = given[:: -(-len(given) // most)], opened.candidates(relation, slot)
+    scores = opened.scores(torch.tensor(sample), relation, slot)[:, candidates].double()
+    answers = [
+        torch.tensor(sorted(opened.answers(Query(entity, relation, slot)))) for entity in sample
+    ]
+    return fit_platt(
+        scores.flatten(), torch.cat([torch.isin(candidates, known) for known in answers])
+    )

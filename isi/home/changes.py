@@ -1,0 +1,168 @@
+"""What is told to a home, what a change did, and the changes as they are listed."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, Field
+
+from isi.config import Section, Seed, check, plain_numbers
+from isi.errors import InputError, short
+from isi.home.bundle import Fact, NewEntity, Text
+from isi.home.database import Home
+from isi.insertion.arguments import listed_triples
+from isi.names import clean
+
+
+def as_time(value: Any) -> Any:
+    """A time with its zone, of a text in ISO 8601, of a datetime (both without a zone: local time,
+    as Python has it) or of seconds since 1970.
+    """
+    given = value
+    try:
+        if isinstance(value, str):
+            value = datetime.fromisoformat(value)
+        elif isinstance(value, int | float) and not isinstance(value, bool):
+            value = datetime.fromtimestamp(value, UTC)
+        return value.astimezone(UTC) if isinstance(value, datetime) else value
+    except (ValueError, OverflowError, OSError) as error:
+        expected = "expected a time such as 2026-11-25T09:30:00Z, or seconds since 1970"
+        raise ValueError(f"{expected}, got {short(given)}") from error
+
+
+Time = Annotated[datetime, BeforeValidator(as_time)]
+Confidence = Annotated[float, Field(gt=0, le=1)]
+EachText = Text | Mapping[Text, Text] | None  #: For one entity, or by name.
+
+
+class Stamp(Section):
+    """When a change was made, and what reported it."""
+
+    time: Time | None = None
+    source: Text | None = None
+
+
+class TellOptions(Stamp):
+    """What may be told beside facts."""
+
+    definition: EachText = None
+    kind: EachText = None
+    initializer: Text | None = None
+    options: Mapping[str, Any] | None = None
+    seed: Seed = 0
+    confidence: Confidence | None = None
+    new: bool = False
+
+    def about(self, name: str) -> NewEntity:
+        """What is told about a new entity; of texts by name, the one of its name."""
+        definition, kind = (
+            {clean(key): text for key, text in each.items()}.get(name)
+            if isinstance(each, Mapping)
+            else each
+            for each in (self.definition, self.kind)
+        )
+        return NewEntity(
+            definition=definition,
+            kind=kind,
+            initializer=self.initializer,
+            options=plain_numbers(dict(self.options or {})),
+            seed=self.seed,
+        )
+
+
+@dataclass(frozen=True)
+class Effect:
+    """What a change did."""
+
+    inserted: list[str] = field(default_factory=list)
+    updated: list[str] = field(default_factory=list)  #: inserted entities with a new vector
+    removed: list[str] = field(default_factory=list)
+    relations: list[str] = field(default_factory=list)  #: new ones
+    facts: int = 0  #: number of facts that hold now and did not before
+    lost: list[Fact] = field(default_factory=list)  #: facts that held before and do not now
+    known: int = 0  #: number of facts that held already, and were seen again
+    notes: list[str] = field(default_factory=list)  #: sentences
+
+
+@dataclass
+class Change:
+    """A change since the first training, as ``history`` lists it."""
+
+    id: int
+    verb: str
+    time: datetime  #: in UTC
+    source: str | None  #: what reported it
+    undone: bool
+    inserted: list[str] = field(default_factory=list)
+    removed: list[str] = field(default_factory=list)
+    relations: list[str] = field(default_factory=list)  #: new ones
+    added: list[Fact] = field(default_factory=list)  #: facts that held afterwards and not before
+    seen: list[Fact] = field(default_factory=list)  #: facts that held already
+    unseen: list[Fact] = field(default_factory=list)  #: facts that were seen once less: of undo
+    lost: list[Fact] = field(default_factory=list)  #: facts that held before and not afterwards
+    believed: list[Fact] = field(default_factory=list)  #: of ``seen``, with another confidence
+    training: bool = False  #: whether facts of training came or went
+
+
+#: The list of a ``Change`` that has what an effect was on; and that of a change that undoes it.
+LISTS = {
+    "inserted": ("inserted", "removed"),
+    "removed": ("removed", "inserted"),
+    "new relation": ("relations", ""),
+    "added": ("added", "lost"),
+    "restored": ("added", "lost"),
+    "taken": ("lost", "added"),
+    "retracted": ("lost", "added"),
+    "seen": ("seen", "unseen"),
+    "believed": ("seen", "unseen"),
+}
+
+
+def changes_of(home: Home, first: int = 0) -> list[Change]:
+    """The changes of a home from a number on, in order."""
+    changes = dict[int, Change]()
+    query = (
+        "SELECT id, verb, time, source, undone, undoes, effect, entity, head, relation, tail"
+        " FROM change LEFT JOIN effect ON effect.change = coalesce(undoes, id)"
+        " WHERE id >= ? ORDER BY id, effect.rowid"
+    )
+    for number, verb, time, source, undone, undoes, effect, *item in home.read(query, first):
+        made = Change(number, verb, datetime.fromisoformat(time), source, undone is not None)
+        change = changes.setdefault(number, made)
+        if effect is None:
+            continue
+        entity, head, relation, tail = item
+        subject = (head, relation, tail) if head else entity or relation
+        if name := LISTS[effect][undoes is not None]:
+            getattr(change, name).append(subject)
+        if effect == "believed":
+            change.believed.append(subject)
+        change.training |= effect in ("restored", "retracted")
+    return list(changes.values())
+
+
+def checked_facts(facts: Any, confidence: float | None = None) -> dict[Fact, float | None]:
+    """Facts in any form of ``listed_triples``, by name and once each, with their confidence: a
+    fourth part of a fact, or else ``confidence``.
+
+    An ``InputError`` refuses what is not three texts and perhaps a number.
+    """
+    listed = dict[Fact, float | None]()
+    for number, row in enumerate(listed_triples(facts)):
+        parts = list(row) if isinstance(row, list | tuple) or hasattr(row, "tolist") else [row]
+        if len(parts) not in (3, 4) or not all(isinstance(part, str) for part in parts[:3]):
+            expected = "expected head, relation and tail by name, and perhaps a confidence"
+            raise InputError(f"fact {number}", "", f"{expected}, got {short(row)}")
+        believed = confidence
+        if len(parts) == 4:
+            believed = check(parts[3], Confidence, "confidence", f"fact {number}")
+        head, relation, tail = parts[:3]
+        listed[head, relation, tail] = believed
+    return listed
+
+
+def names_in(facts: Iterable[Fact], others: Iterable[str] = ()) -> list[str]:
+    """Other names, and the ends of facts, once each, in order."""
+    ends = (end for head, _, tail in facts for end in (head, tail))
+    return list(dict.fromkeys([*others, *ends]))

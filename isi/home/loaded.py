@@ -1,0 +1,299 @@
+"""Queries to a bundle: scores, known answers, candidates, nearest entities,
+and lookup of typed names.
+"""
+
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial, wraps
+from typing import Any, Concatenate, NamedTuple, ParamSpec, Self, TypeVar
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn.functional import normalize
+
+from isi.graph.graph import HEAD, RELATION, TAIL
+from isi.graph.vocabulary import Vocabulary, ids_by_name
+from isi.home.bundle import Bundle, Fact
+from isi.insertion.arguments import checked_model, stack_of_one, table
+from isi.models.model import Model
+from isi.models.stack import Embedding
+
+#: A query fits an entity if more than this share of its indicators, by weight, have known answers.
+ENOUGH = 0.1
+USUAL = 0.1  #: Share of entities for which a kind is usual in a slot.
+#: Without facts, a known entity counts for the kind of a new one with the weight exp(cosine of the
+#: words / this).
+TEMPERATURE = 0.07
+MOST_QUERIES = 24  #: Maximum number of queries about one entity.
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+class Query(NamedTuple):
+    """A query by ids: (given, relation, ?) if the slot is ``TAIL``,
+    (?, relation, given) if it is ``HEAD``.
+    """
+
+    given: int
+    relation: int
+    slot: int
+
+
+def remembered(method: Callable[Concatenate[Any, P], R]) -> Callable[Concatenate[Any, P], R]:
+    """A method of an object that does not change, which keeps what the method gave."""
+
+    @wraps(method)
+    def of(self: Any, /, *args: P.args, **kwargs: P.kwargs) -> R:
+        given: dict[Any, R] = vars(self).setdefault(f"_{method.__name__}", {})
+        key = (*args, *kwargs.items())
+        if key not in given:
+            given[key] = method(self, *args, **kwargs)
+        return given[key]
+
+    return of
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedEmbedding(Bundle):
+    """A bundle with its scoring function."""
+
+    scoring: Model | None = None  #: None: the model that the manifest names
+    inserted: int = 0  #: number of inserted entities, which have the last rows
+    added: int = 0  #: number of facts added after training, which are the last triples
+    #: facts that no longer hold, and are no answers; ids, shape: (K, 3)
+    retracted: np.ndarray = field(default_factory=partial(np.zeros, (0, 3), np.int64))
+
+    @cached_property
+    def model(self) -> Model:
+        return self.scoring or checked_model(
+            self.manifest.model_name, self.manifest.model_options, self.entities.shape[1]
+        )
+
+    @cached_property
+    def embedding(self) -> Embedding:
+        """The tables as a stack of one embedding in single precision."""
+        relations = table(self.relations, "relations", self.model.width(self.entities.shape[1]))
+        return stack_of_one(self.entities, relations, self.model)
+
+    @cached_property
+    def names(self) -> Vocabulary:
+        return Vocabulary("entity", self.entity_names)
+
+    @cached_property
+    def labels(self) -> Vocabulary:
+        return Vocabulary("relation", self.relation_names)
+
+    def answers(self, query: Query) -> set[int]:
+        """The known answers of a query."""
+        return answers_in(self.of_relation(query.relation), query)
+
+    @remembered
+    def of_relation(self, relation: int) -> np.ndarray:
+        """The known triples of a relation, (T, 3)."""
+        triples: np.ndarray = self.triples[self.triples[:, RELATION] == relation]
+        return triples
+
+    def ids_of(self, facts: Collection[Fact]) -> np.ndarray:
+        """Facts by name as ids, shape (F, 3), int64."""
+        return ids_by_name(facts, self.names.ids, self.labels.ids)
+
+    def keys_of(self, triples: np.ndarray) -> np.ndarray:
+        """A number for each triple of ids, (T, 3); equal triples have equal numbers."""
+        head, relation, tail = triples.T
+        number = len(self.entities)
+        keys: np.ndarray = (relation * number + head) * number + tail
+        return keys
+
+    def triples_without(self, facts: Collection[Fact]) -> np.ndarray:
+        """The known triples but some, given by name; shape (T, 3)."""
+        if not facts:
+            return self.triples
+        left_out = self.keys_of(self.ids_of(facts))
+        return self.triples[~np.isin(self.keys_of(self.triples), left_out)]
+
+    def scores(self, given: Tensor, relation: int, slot: int) -> Tensor:
+        """Scores of all entities in the slot, (Q, E), for given entities, (Q,), and a relation."""
+        relations = torch.full_like(given, relation)[None]
+        if slot == TAIL:
+            return self.embedding.score_tails(given[None], relations)[0]
+        return self.embedding.score_heads(relations, given[None])[0]
+
+    @remembered
+    def in_slot(self, relation: int, slot: int) -> list[int]:
+        """The ids of the entities in a slot of the known triples of a relation, sorted."""
+        ids: list[int] = np.unique(self.of_relation(relation)[:, slot]).tolist()
+        return ids
+
+    @cached_property
+    def kind_numbers(self) -> dict[str, int]:
+        return {kind: number for number, kind in enumerate(dict.fromkeys(filter(None, self.kinds)))}
+
+    @cached_property
+    def kind_ids(self) -> np.ndarray:
+        """A number for each entity's kind, (E,); -1 without a kind."""
+        return np.array([self.kind_numbers.get(kind, -1) for kind in self.kinds])
+
+    def candidates(self, relation: int, slot: int) -> Tensor:
+        """Ids of entities without a kind, or of a usual kind in this slot of known triples;
+        all if it has no kinds.
+
+        Usual is a kind that at least two entities, or a tenth of those in the other slot, have in
+        their triples.
+        """
+        triples = self.of_relation(relation)
+        others, kinds = triples[:, HEAD + TAIL - slot], self.kind_ids[triples[:, slot]]
+        pairs = np.unique(kinds[kinds >= 0] * len(self.entities) + others[kinds >= 0]) // len(
+            self.entities
+        )
+        usual, support = np.unique(pairs, return_counts=True)
+        usual = usual[(support > 1) | (support >= USUAL * len(np.unique(others)))]
+        fits = (
+            (self.kind_ids < 0) | np.isin(self.kind_ids, usual)
+            if len(pairs)
+            else np.full(len(self.kinds), True)
+        )
+        return torch.from_numpy(np.flatnonzero(fits))
+
+    def ranked(self, query: Query, among: Collection[int] | None = None) -> tuple[Tensor, Tensor]:
+        """Candidates and known answers, or the entities ``among`` which to rank, best first, and
+        scores, without retracted answers.
+
+        The given entity is excluded unless it is an answer.
+        """
+        if among is None:
+            fitting = set(self.candidates(query.relation, query.slot).tolist()) - {query.given}
+            among = fitting | self.answers(query)
+        listed = set(among) - answers_in(self.retracted, query)
+        candidates = torch.tensor(sorted(listed), dtype=torch.int64)
+        scores = self.scores(torch.tensor([query.given]), query.relation, query.slot)[0, candidates]
+        best = scores.sort(descending=True, stable=True)
+        return candidates[best.indices], best.values
+
+    def nearest(self, entity: int, number: int) -> list[tuple[int, float]]:
+        """The ``number`` other entities with the highest cosine to ``entity``,
+        and these cosines, best first.
+        """
+        vectors = normalize(self.embedding.entity[0], dim=-1)
+        cosines = (vectors @ vectors[entity]).index_fill(0, torch.tensor(entity), -torch.inf)
+        best = cosines.sort(descending=True, stable=True)
+        shown = min(number, len(cosines) - 1)
+        return list(zip(best.indices[:shown].tolist(), best.values[:shown].tolist(), strict=True))
+
+    def kind_notes(self, facts: Iterable[Fact], new: str) -> Iterator[str]:
+        """Notes on facts of a new entity whose known end has a kind new to the relation's slot."""
+        for head, relation, tail in facts:
+            slot, end, role = (HEAD, head, "a head") if tail == new else (TAIL, tail, "a tail")
+            kind = self.kinds[self.names.ids[end]] if end in self.names.ids else ""
+            usual = self.kinds_in_slot(self.labels.ids[relation], slot)
+            if kind and usual and kind not in usual:
+                yield f"no known triple of {relation} has {role} of kind {kind}, as {end} is"
+
+    @remembered
+    def kinds_in_slot(self, relation: int, slot: int) -> set[str]:
+        """The kinds of the entities in a slot of the known triples of a relation."""
+        return {self.kinds[row] for row in self.in_slot(relation, slot)} - {""}
+
+    @remembered
+    def fitting_in_slot(self, relation: int, slot: int) -> np.ndarray:
+        """The ids of the entities in a slot of the known triples of a relation that are candidates
+        there, sorted.
+        """
+        in_slot = np.array(self.in_slot(relation, slot), np.int64)
+        return in_slot[np.isin(in_slot, self.candidates(relation, slot).numpy())]
+
+    def kind_of(self, new: str, facts: Iterable[Fact], alike: np.ndarray | None) -> tuple[str, str]:
+        """The kind of a new entity and the reason; empty texts if unknown.
+        ``alike``: cosines of its words, (E,).
+
+        Each fact counts for the kind of the most similar known entity in the same slot of its
+        relation (without words: for all kinds there, by their shares), if this kind is usual there.
+        Without facts, all known entities count, similar ones most. Entities without a kind count,
+        too: where they win, the new one has none.
+        """
+        votes, roles = np.zeros(1 + len(self.kind_numbers)), dict[str, None]()
+        for head, relation, _ in facts:
+            slot, role = (HEAD, "heads") if head == new else (TAIL, "tails")
+            there = self.fitting_in_slot(self.labels.ids[relation], slot)
+            if len(there):
+                listed = there if alike is None else there[[alike[there].argmax()]]
+                votes += self._of_kinds(listed, np.full(len(listed), 1 / len(listed)))
+                roles[f"the {role} of {relation}"] = None
+        like = " and ".join(roles)
+        if not roles and alike is not None:
+            votes = self._of_kinds(np.arange(len(alike)), np.exp(alike / TEMPERATURE))
+            of_kind = np.flatnonzero(self.kind_ids + 1 == votes.argmax())
+            like = self.entity_names[of_kind[alike[of_kind].argmax()]]
+        kind = ["", *self.kind_numbers][int(votes.argmax())]
+        return (kind, f"{new} counts as {kind}, like {like}") if kind else ("", "")
+
+    def _of_kinds(self, entities: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """The total weight of entities, (N,), without a kind and of each kind;
+        ``entities``: ids.
+        """
+        return np.bincount(self.kind_ids[entities] + 1, weights, 1 + len(self.kind_numbers))
+
+    def named(self, query: Query) -> tuple[str, str, str]:
+        """A query as names, with a question mark for the answer."""
+        given, relation = self.entity_names[query.given], self.relation_names[query.relation]
+        return (given, relation, "?") if query.slot == TAIL else ("?", relation, given)
+
+    def part(self, rows: np.ndarray) -> Self:
+        """The bundle restricted to the entities ``rows`` (ids), in this order,
+        and the triples between them.
+        """
+        new_id = np.full(len(self.entities), -1)
+        new_id[rows] = np.arange(len(rows))
+        triples = self.triples.copy()
+        triples[:, [HEAD, TAIL]] = new_id[self.triples[:, [HEAD, TAIL]]]
+        texts = self.entity_names, self.kinds, self.phrases
+        names, kinds, phrases = ([listed[row] for row in rows] for listed in texts)
+        first = len(self.entities) - self.inserted
+        return replace(
+            self,
+            inserted=int((rows >= first).sum()),
+            added=0,
+            entities=self.entities[rows],
+            entity_names=names,
+            kinds=kinds,
+            phrases=phrases,
+            triples=triples[(triples >= 0).all(1)],
+            retracted=np.zeros((0, 3), np.int64),
+            counts=None,
+            words=None if self.words is None else self.words[rows],
+        )
+
+
+def answers_in(triples: np.ndarray, query: Query) -> set[int]:
+    """The answers of a query in triples of ids, (T, 3)."""
+    other = HEAD + TAIL - query.slot
+    of_query = (triples[:, other] == query.given) & (triples[:, RELATION] == query.relation)
+    return set(triples[of_query, query.slot].tolist())
+
+
+def queries_of(
+    opened: LoadedEmbedding, entity: int, indicators: Mapping[int, float]
+) -> list[Query]:
+    """The queries that fit an entity: relations and slots in which it or enough similar
+    entities have known answers.
+
+    Similar are entities of its kind, or, if it has no kind, its ``indicators`` (weights by id). If
+    no query fits, all do. At most ``MOST_QUERIES`` are returned: those with own answers, then with
+    most similar entities (or weight).
+    """
+    kind, weights, enough = opened.kind_ids[entity], np.zeros(len(opened.entities)), 0.0
+    weights[opened.kind_ids == kind] = 1.0
+    if kind < 0:
+        weights[:] = 0.0
+        weights[list(indicators)] = list(indicators.values())
+        enough = ENOUGH * weights.sum()
+    of_query = {}
+    for relation in range(len(opened.relations)):
+        for slot in (TAIL, HEAD):
+            similar = opened.in_slot(relation, HEAD + TAIL - slot)
+            of_query[Query(entity, relation, slot)] = (
+                float("inf") if entity in similar else weights[similar].sum()
+            )
+    fit = [query for query, weight in of_query.items() if weight > enough] or list(of_query)
+    best = sorted(fit, key=of_query.__getitem__, reverse=True)[:MOST_QUERIES]
+    return [query for query in fit if query in best]

@@ -1,0 +1,265 @@
+"""The paper's results beside ours: on its own graph and under its conditions, and on today's."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from math import nan
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from isi import config
+from isi.config import value_of
+from isi.evaluation.changes import CHANGES
+from isi.evaluation.scopes import GROUPS
+from stages.report.tables.data import JOINT, TITLES, Experiment, Results
+from stages.report.tables.estimates import BASELINE, CELL, Estimate, Line, bounded, where
+from stages.report.tables.forms import ANY_SIZE
+from stages.report.tables.method import right_after, swept
+from stages.report.tables.registry import table
+from stages.report.tables.statistics import ISI, METHODS, Statistics, best_indicators
+
+#: The results of the paper; the file says how they are written.
+_RESULTS = Path(__file__).with_name("paper_results.yaml")
+#: Half of the last digit that the paper prints.
+PRINTED = 0.05
+#: Statistics of epochs, which have a second form.
+OF_EPOCHS = ("mean_epochs", "deviation", "fewer_epochs")
+#: Models of the table of the answer, as far as they were run.
+SHOWN = (BASELINE, "iu", "mean", *METHODS, "map", JOINT)
+
+
+# The answer
+
+
+@table("report")
+def answer(results: Results) -> pd.DataFrame | None:
+    """The answer of the report: what each initializer gains and costs on both graphs, with the
+    paper's numbers below those on its own graph.
+    """
+    rows = list[Line]()
+    for experiment in results.standalone:
+        transfer = results.transfer_of(experiment)
+        theirs = results.paper if experiment is results.on(papers=True) else {}
+        rows += _answer(experiment, transfer, theirs)
+    frame = pd.DataFrame(rows)
+    names = {name: results.models.labels[name] for name in SHOWN if name in frame}
+    shown = frame[["graph", "measure", *names]].dropna(how="all", subset=list(names))
+    return shown.dropna(how="all", axis=1).rename(columns=names)
+
+
+def _answer(experiment: Experiment, transfer: Experiment | None, paper: Any) -> list[Line]:
+    """The rows of one graph."""
+    statistics, models = experiment.statistics(), experiment.rows
+    others = [name for name in experiment.initializers if name != BASELINE]
+    tuned = [name for name in experiment.finetuned if name != BASELINE]
+    epochs = {name: statistics.mean_epochs(name)[0] for name in experiment.finetuned}
+    fewer = {name: statistics.fewer_epochs(name)[0] for name in tuned}
+    printed_epochs = value_of(paper, "convergence.epochs") or {}
+    rows: dict[str, Mapping[str, float] | None] = {
+        "gain over Xavier, %": {name: statistics.gain(name)[0] for name in others},
+        "gain over Xavier, %: the paper": value_of(paper, "immediate.improvement_over_xavier"),
+    }
+    for group in GROUPS:
+        title = f"MRR right after insertion: {TITLES[group]}"
+        rows[title] = {name: getattr(statistics, group)(name)[0] for name in models}
+    rows |= {
+        "epochs of fine-tuning": epochs,
+        "epochs of fine-tuning: the paper": {
+            name: of["mean"] for name, of in printed_epochs.items()
+        },
+        "fewer epochs than Xavier, %": fewer,
+        "fewer epochs than Xavier, %: the paper": {
+            name: number
+            for name, number in (
+                value_of(paper, "convergence.fewer_epochs_than_xavier") or {}
+            ).items()
+            if name in METHODS
+        },
+    }
+    if transfer is not None:
+        drop = transfer.statistics().drop(BASELINE)[0]
+        rows["drop of earlier knowledge in the transfer, %"] = {BASELINE: drop}
+        rows["drop of earlier knowledge in the transfer, %: the paper"] = value_of(
+            paper, "transfer.drop"
+        )
+    return [
+        {"graph": experiment.title, "measure": measure, **(values or {})}
+        for measure, values in rows.items()
+    ]
+
+
+# Every result that the paper prints
+
+
+@dataclass(frozen=True)
+class PaperResult:
+    """A result that the paper prints, and the statistic of runs that repeats it."""
+
+    kind: str
+    place: str  #: in the paper
+    model: str
+    paper: float
+    statistic: str  #: a method of ``Statistics``, or ``best_indicators``
+    extended: bool  #: whether it is of the transfer
+
+    @property
+    def other_form(self) -> str:
+        """A second form of the statistic in words; empty without one."""
+        if self.statistic == "weighted":
+            return "by the paper's weights"
+        return "runs that end" if self.statistic in OF_EPOCHS else ""
+
+    def measured(self, results: Results, papers: bool, other: bool = False) -> Estimate:
+        """The statistic of our runs on the paper's own graph, or on today's; ``other``: in its
+        second form.
+        """
+        experiment = results.on(papers, self.extended)
+        if experiment is None:
+            return nan, nan, nan
+        if self.statistic == "best_indicators":
+            sweep = swept(results, experiment)
+            rows = None if sweep is None else right_after(sweep, self.model)
+            return (nan, nan, nan) if rows is None or rows.empty else best_indicators(rows)
+        statistics, name = _statistics(experiment), self.statistic
+        if other and name in OF_EPOCHS:
+            statistics = statistics.ended
+        elif other:
+            name = "by_papers_share"
+        estimate: Estimate = getattr(statistics, name)(self.model)
+        return estimate
+
+
+@cache
+def _statistics(experiment: Experiment) -> Statistics:
+    return experiment.statistics()
+
+
+def results_of(paper: Mapping[str, Any]) -> list[PaperResult]:
+    """The results that the paper prints, from its numbers."""
+    listed = list[PaperResult]()
+    for entry in config.read(_RESULTS)["results"]:
+        values = value_of(paper, entry["key"])
+        numbers = values if isinstance(values, dict) else dict.fromkeys(entry["models"], values)
+        for name, number in numbers.items():
+            # ``mean`` is an initializer of ours
+            model = ISI if name == "mean" else name
+            result = PaperResult(
+                kind=entry["kind"],
+                place=entry["place"],
+                model=model,
+                paper=float(number[entry["part"]] if "part" in entry else number),
+                statistic=entry["statistic"],
+                extended=entry.get("extended", False),
+            )
+            listed.append(result)
+    return listed
+
+
+@table("report")
+def paper_results(results: Results) -> pd.DataFrame:
+    """Every result that the paper prints, ours on its own graph with the 95 % interval, whether
+    the paper's is inside, and ours on today's graph.
+    """
+    rows = list[Line]()
+    labels = {**results.models.labels, ISI: "mean of ISI"}
+    for result in results_of(results.paper):
+        ours = result.measured(results, papers=True)
+        row: Line = {"where": result.place, "kind": result.kind, "whose": labels[result.model]}
+        row |= {"paper": result.paper, **bounded("ours", ours)}
+        row["inside"] = inside(result.paper, ours)
+        other = (nan, nan, nan)
+        if result.other_form:
+            other = result.measured(results, papers=True, other=True)
+        row |= {"other form": result.other_form, **bounded("ours in it", other)}
+        row["inside in it"] = inside(result.paper, other)
+        row |= bounded("today's graph", result.measured(results, papers=False))
+        rows.append(row)
+    frame = pd.DataFrame(rows)
+    frame.attrs[ANY_SIZE] = ["paper"]
+    return frame
+
+
+def inside(paper: float, ours: Estimate) -> str:
+    """Whether the paper's number lies within our interval, to the digit that it prints; empty
+    without an interval.
+    """
+    _, low, high = ours
+    if not low <= high:
+        return ""
+    return "yes" if low - PRINTED <= paper <= high + PRINTED else "no"
+
+
+@table("report")
+def inside_by_kind(results: Results) -> pd.DataFrame:
+    """How many of the results that the paper prints are inside our intervals, by kind."""
+    frame = paper_results(results)
+    first, other = frame["inside"] == "yes", frame["inside in it"] == "yes"
+    within = pd.DataFrame({"inside": first, "inside in either form": first | other})
+    groups = within.groupby(frame["kind"], sort=False)
+    counts = groups.sum()
+    counts.insert(0, "number", groups.size())
+    counts.loc["all"] = counts.sum()
+    return counts.astype(int).rename_axis("results").reset_index()
+
+
+@table("report")
+def unexplained(results: Results) -> pd.DataFrame:
+    """The results outside our intervals in both forms: ours minus the paper's in the first, and
+    how many half-widths of the interval it is away.
+    """
+    frame = paper_results(results)
+    frame = frame[(frame["inside"] == "no") & (frame["inside in it"] != "yes")]
+    apart = frame["ours"] - frame["paper"]
+    half = ((frame["ours high"] - frame["ours low"]) / 2).clip(lower=PRINTED)
+    columns = ["where", "kind", "whose", "paper", "ours", "ours low", "ours high"]
+    return frame[columns].assign(
+        **{"ours minus the paper's": apart, "half-widths away": apart.abs() / half}
+    )
+
+
+# What the measure decides
+
+
+@table("report")
+def measure_decides(results: Results) -> pd.DataFrame | None:
+    """The paper's headline numbers on its own graph, by its measure and with one part of the
+    measure changed at a time; then the paper's.
+    """
+    experiment = results.on(papers=True)
+    if experiment is None or experiment.changes is None:
+        return None
+    transfer, rows = results.transfer_of(experiment), list[Line]()
+    labels = results.models.labels
+    for name, change in CHANGES.items():
+        statistics, row = changed(experiment, name), Line(measure=change.title)
+        for model in METHODS:
+            row |= bounded(f"gain over Xavier, %: {labels[model]}", statistics.gain(model))
+        row |= bounded("fewer epochs, %", statistics.fewer_epochs(ISI))
+        if transfer is not None and transfer.changes is not None:
+            row |= bounded("transfer: drop, %", changed(transfer, name).drop(BASELINE))
+        rows.append(row)
+    paper = results.paper
+    gains = paper["immediate"]["improvement_over_xavier"]
+    last: Line = {f"gain over Xavier, %: {labels[model]}": gains[model] for model in METHODS}
+    last["fewer epochs, %"] = paper["convergence"]["fewer_epochs_than_xavier"]["mean"]
+    last["transfer: drop, %"] = paper["transfer"]["drop"][BASELINE]
+    rows.append({"measure": "the paper", **last})
+    return pd.DataFrame(rows, columns=list(rows[0]))
+
+
+def changed(experiment: Experiment, change: str) -> Statistics:
+    """The statistics of an experiment by the measure with one part changed."""
+    assert experiment.changes is not None  # noqa: S101  # the callers ask before
+    rows = where(experiment.changes, change=change).rename(columns={"value": "mrr"})
+    immediate = where(rows, epoch=0).assign(value=100 * where(rows, epoch=0)["mrr"])
+    # where all of D¹ is one group, this one has to converge
+    groups = [group for group in GROUPS if group in set(rows["scope"])] or ["weighted"]
+    grouped = where(rows, scope=groups)
+    if groups == ["weighted"]:
+        grouped = grouped.assign(scope=GROUPS[0])
+    joint = where(grouped, model=JOINT)
+    runs = where(grouped, model=experiment.finetuned)
+    epochs = experiment.converged(runs, ["model"], experiment.finetuned_seeds, joint)
+    return Statistics(immediate[["model", "scope", *CELL, "value"]], epochs)
