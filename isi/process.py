@@ -16,7 +16,7 @@ from contextlib import contextmanager, suppress
 from types import FrameType
 from typing import NoReturn
 
-from isi.errors import InputError, cut, os_message
+from isi.errors import NO_SUCH_FILE, InputError, cut, os_message
 
 _PR_SET_PDEATHSIG = 1
 #: Sent by Ctrl-C, and by ``kill``, ``timeout`` or a scheduler.

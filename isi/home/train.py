@@ -28,7 +28,6 @@ from isi.config import Count, Option, Positive, Seed, check
 from isi.errors import InputError, at
 from isi.evaluation.filtered import EndQueries, end_queries, random_ranks
 from isi.evaluation.ranking import padded_ids
-from isi.experiment.train import TrainConfig
 from isi.graph.files import read_graph
 from isi.graph.graph import (
     HEAD,
