@@ -8,7 +8,6 @@ from torch import Tensor
 
 from isi.evaluation.query_sets import query_sets
 from isi.evaluation.ranking import RankedQueries, observations, rank_queries
-from isi.experiment.train import run_rows
 from isi.graph.sessions import membership
 from isi.models.stack import Embedding
 from isi.tables.rules import FROM_1, NAME, SHARE, ColumnType, at_least, one_of
@@ -71,8 +70,8 @@ def break_down(points: GridPoints, embedding: Embedding, model: str) -> pd.DataF
     """Rows of ``QUERY_BREAKDOWN`` for an embedding of D¹, called ``model``."""
     session, novel = points.session(1), points.novel_ids
     is_novel = membership(novel, len(points.graph.entities))
-    every = query_sets(session, novel, points.insert_mask)
-    asked = {scope: every[scope] for scope in BROKEN_DOWN}
+    query_sets_of_all = query_sets(session, novel, points.insert_mask)
+    asked = {scope: query_sets_of_all[scope] for scope in BROKEN_DOWN}
     terms = dict[str, list[pd.DataFrame]]()
     for piece in rank_queries(embedding, asked):
         for scope, ranked in piece.items():
@@ -88,7 +87,7 @@ def break_down(points: GridPoints, embedding: Embedding, model: str) -> pd.DataF
         "novel": np.array(NOVEL_AT)[table["novel"]],
         "observations": observations(session).cpu().numpy()[table["place"], table["relation"]],
     }
-    return run_rows(points, [table.assign(**columns, model=model)])
+    return points.run_rows([table.assign(**columns, model=model)])
 
 
 def query_terms(ranked: RankedQueries, is_novel: Tensor) -> pd.DataFrame:

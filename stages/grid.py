@@ -1,21 +1,55 @@
-"""The grid of insertions: a grid point is a size and a seed;
-a task has a stack of grid points of one size.
+"""The grid of insertions: a grid point is a size and a seed; a task has a stack of grid points of
+one size.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import Annotated, Literal
 
 import numpy as np
+import pandas as pd
 import torch
+from pydantic import Field
 from torch import Tensor
 
+from isi.config import Count, EachOnce, Names, Section, Seed, Study
+from isi.evaluation.changes import changed_query_sets
+from isi.evaluation.query_sets import query_sets
+from isi.evaluation.ranking import Queries
 from isi.graph.graph import Graph
 from isi.graph.sessions import OUT, TEST, Session, membership, session_at, touches
 
 NO_INSERTION = 0  #: Size of grid points without insertion, in keys of random streams and in logs.
 JOINT_MODEL = "joint"  #: Name of the joint model in tables and paths, in place of an initializer's.
+
+
+InitializerList = Annotated[Names, Field(min_length=1)] | Literal["all"]  #: Of an experiment.
+#: ``full_curves`` of an experiment: sizes that are fine-tuned for all epochs, for the learning
+#: curves; the others until they converge.
+FullCurves = Annotated[list[Count], EachOnce]
+
+
+def is_listed(listed: InitializerList, initializer: str) -> bool:
+    """Whether ``listed`` names the initializer or is "all"."""
+    return listed == "all" or initializer in listed
+
+
+class Finetuned(Section):
+    """``finetuned`` of an experiment: initializers that are fine-tuned after insertion, and in how
+    many of the seeds, the first ones; the others are measured right after insertion alone.
+    """
+
+    initializers: InitializerList
+    seeds: Count
+
+
+class NovelSet(Study):
+    """``explorer`` in params, and part of ``trajectory``: |ξ| and seed of a novel set."""
+
+    size: Count
+    seed: Seed
 
 
 @dataclass(frozen=True)
@@ -66,6 +100,18 @@ class GridPoints:
         mask = torch.zeros(self.splits.shape, dtype=torch.bool)
         mask[self.insert_triples[:, 0], self.insert_triples[:, 2]] = True
         return mask
+
+    def measured_sets(self, with_changes: bool) -> list[dict[str, Queries]]:
+        """The query sets of D¹, and those of changes of the measure."""
+        arguments = self.session(1), self.novel_ids, self.insert_mask
+        changed = [changed_query_sets(*arguments)] if with_changes else []
+        return [query_sets(*arguments), *changed]
+
+    def run_rows(self, looks: Iterable[pd.DataFrame]) -> pd.DataFrame:
+        """Rows of measures with size and seed (``RUNS``), from measures by place in the stack."""
+        rows = pd.concat(looks, ignore_index=True)
+        seeds = np.array(self.seeds)[rows["place"]]
+        return rows.drop(columns="place").assign(size=self.size, seed=seeds)
 
 
 def known_shares(grid: Iterable[GridPoints]) -> dict[int, float]:

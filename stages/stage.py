@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import argparse
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
 
-from isi import config, pipeline
-from isi.errors import InputError, suggestion
+from isi import config
+from isi.errors import NO_SUCH_FILE, InputError, suggestion
 from isi.process import Parser, errors_in_one_line
 from isi.tables import paths
-
-if TYPE_CHECKING:
-    from stages.params import Beyond, Params
+from stages import pipeline
+from stages.params import StageParams
 
 
 @dataclass(frozen=True)
@@ -24,8 +24,8 @@ class StageContext:
     """
 
     stage: str
-    params: Params
-    beyond: Beyond  #: empty for stages of other pipelines than the second
+    params: StageParams
+    beyond: StageParams  #: of the second pipeline; empty for stages of the first
 
 
 def stage(body: Callable[..., None]) -> Callable[[], None]:
@@ -43,7 +43,7 @@ def stage(body: Callable[..., None]) -> Callable[[], None]:
         for argument in arguments:
             parser.add_argument(argument)
         names = vars(parser.parse_args())
-        with errors_in_one_line(name, "`dvc repro` goes on from here"):
+        with errors_in_one_line(name, "`dvc repro` goes on from here"), naming_the_maker():
             if parameters:
                 body(context_of(name, names), **names)
             else:
@@ -52,12 +52,23 @@ def stage(body: Callable[..., None]) -> Callable[[], None]:
     return main
 
 
-def context_of(name: str, names: Mapping[str, str]) -> StageContext:
-    """The context of a stage; InputError if params are invalid,
-    or the mapping of its DVC matrix lacks an argument.
-    """
-    from isi import params  # imported here: it loads all packages, and a stage needs a few
+@contextmanager
+def naming_the_maker() -> Iterator[None]:
+    """Add to an error about a missing file the command that makes it."""
+    try:
+        yield
+    except FileNotFoundError as error:
+        if not isinstance(error.filename, str):
+            raise
+        raise pipeline.missing(Path(error.filename)) from error
+    except InputError as error:
+        if error.message != NO_SUCH_FILE or error.place:
+            raise
+        raise pipeline.missing(Path(error.file)) from error
 
+
+def context_of(name: str, names: Mapping[str, str]) -> StageContext:
+    """The context of a stage; InputError if the mapping of its DVC matrix lacks an argument."""
     file, entry = pipeline.find(name)
     of_params = pipeline.PIPELINES[file]
     values = pipeline.read(of_params)
@@ -67,6 +78,7 @@ def context_of(name: str, names: Mapping[str, str]) -> StageContext:
             close = suggestion(names[argument], known)
             expected = f"expected the {argument} to be one of {', '.join(known)}{close}"
             raise InputError(of_params, f"{key}.{names[argument]}", expected)
-    main = params.load()
-    beyond = paths.BEYOND_PARAMS if file == paths.BEYOND_PIPELINE else None
-    return StageContext(name, main, params.load_beyond(main, beyond))
+    beyond = StageParams({}, paths.BEYOND_PARAMS)
+    if file == paths.BEYOND_PIPELINE:
+        beyond = StageParams.load(paths.BEYOND_PARAMS)
+    return StageContext(name, StageParams.load(), beyond)

@@ -1,11 +1,9 @@
-"""The files of an experiment: the tables of training, insertion and measures,
-and a store that reads them for tasks.
-"""
+"""The files of an experiment, read for tasks."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Self
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -15,23 +13,23 @@ from isi.errors import InputError
 from isi.evaluation.changes import CHANGES
 from isi.evaluation.ranking import MEASURES
 from isi.evaluation.scopes import GROUPS, SCOPES
-from isi.graph.graph import ENTITIES, TRIPLES, Graph, GraphTables, build_graph
-from isi.graph.sessions import (
-    INSERT_TRIPLES,
-    NOVEL,
-    OUT,
-    SPLIT_NAMES,
-    SPLITS,
-    SessionsOf,
-    Shares,
-    session_tables,
-)
-from isi.graph.words import WORD_VECTORS, Words, load_vectors, look_up
-from isi.models.model import Model
+from isi.graph.graph import Graph, build_graph
+from isi.graph.sessions import OUT
+from isi.models.model import Model, make_model
 from isi.models.stack import Embedding
 from isi.tables.rules import FROM_0, FROM_1, SHARE, ColumnType, null_without, one_of
 from isi.tables.table import DataFile, Table, TensorFile
+from stages.files import (
+    ENTITIES,
+    INSERT_TRIPLES,
+    NOVEL,
+    SPLIT_NAMES,
+    SPLITS,
+    TRIPLES,
+    WORD_VECTORS,
+)
 from stages.grid import GridPoints
+from stages.params import StageParams
 
 #: Columns of measures, null without queries; and of a grid point.
 MEASURE_COLUMNS = dict.fromkeys(MEASURES, SHARE.optional)
@@ -96,6 +94,13 @@ MEASURE_CHANGES = Table(
 )
 
 
+def model_of(params: StageParams, name: str | None = None) -> Model:
+    """The model ``name`` (None: ``embedding.model``), with its options."""
+    name = name or params.read("embedding.model", str)
+    key = f"models.{name}"
+    return make_model(name, params.read(key, dict[str, Any]), key)
+
+
 @dataclass(frozen=True)
 class Store:
     """Reads the files of one experiment, each table once."""
@@ -105,31 +110,6 @@ class Store:
     tables: dict[Table, pd.DataFrame] = field(default_factory=dict, repr=False)
     #: word vectors in memory; shape: (E, w)
     vectors: np.ndarray | None = field(default=None, repr=False)
-
-    @classmethod
-    def drawn(
-        cls,
-        name: str,
-        tables: GraphTables,
-        words: Words,
-        sessions: SessionsOf,
-        shares: Shares,
-        root: int,
-        key: str,
-    ) -> Self:
-        """A store in memory of a graph, its word vectors and its sessions,
-        whose params lie at ``key``.
-        """
-        vectors = look_up(load_vectors(words), list(tables.entities["phrase"]))
-        graph = build_graph(tables.entities, tables.triples)
-        rows = session_tables(graph, tables.entities, sessions, shares, root, f"{key}.sessions")
-        with_words = len(tables.entities) - vectors.served_by.count(None)
-        print(
-            tables, f"{with_words} of {len(tables.entities)} entities have a word vector", sep="\n"
-        )
-        return cls(
-            name, {ENTITIES: tables.entities, TRIPLES: tables.triples, **rows}, vectors.vectors
-        )
 
     def table(self, table: Table) -> pd.DataFrame:
         """A table of the experiment."""
@@ -183,7 +163,7 @@ class Store:
                 "column 'size'",
                 f"expected rows of size {size} and seed below {seeds} (None: any)",
             )
-        given, grid = self.table(INSERT_TRIPLES), []
+        insert_triples, grid = self.table(INSERT_TRIPLES), list[GridPoints]()
         for number in sorted(set(chosen["size"].tolist())):
             of_size = chosen[chosen["size"] == number]
             numbers = of_size["seed"].unique().tolist()
@@ -192,7 +172,7 @@ class Store:
                 drawn = rows["entity"].to_numpy(np.int64, copy=True).reshape(len(part), number)
                 place = rows.groupby("seed").cumcount()
                 rows = rows.assign(model=rows["seed"].map(part.index), place=place)
-                joined = given.merge(rows, on=["size", "seed", "entity"])
+                joined = insert_triples.merge(rows, on=["size", "seed", "entity"])
                 triples = joined[["model", "place", "triple"]].to_numpy(np.int64)
                 triples = triples[np.lexsort(triples.T[::-1])]
                 codes = np.stack([splits[seed] for seed in part])

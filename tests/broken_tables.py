@@ -7,11 +7,8 @@ import pandas as pd
 import torch
 import yaml
 
-from isi.graph.graph import ENTITIES, TRIPLES
-from isi.graph.sessions import NOVEL, SPLITS
-from isi.graph.words import WORD_VECTORS
-from isi.sources import KINDS, OBSERVATIONS
 from isi.tables.table import Table, as_text
+from stages.files import ENTITIES, KINDS, NOVEL, OBSERVATIONS, SPLITS, TRIPLES, WORD_VECTORS
 from stages.store import RUNS, THETA0
 from tests.example_tables import Change
 from tests.stage_run import NAME

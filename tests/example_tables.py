@@ -9,10 +9,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import torch
 
-from isi.graph.graph import ENTITIES, TRIPLES
-from isi.sources import MINED, OBSERVATIONS
 from isi.tables.table import Table
 from stages.breakdown import QUERY_BREAKDOWN
+from stages.files import ENTITIES, OBSERVATIONS, TRIPLES
+from stages.mine import MINED
 from stages.store import RUNS, TRAINING_LOG
 
 #: Measures of three runs, the second without queries.

@@ -11,8 +11,8 @@ PACKAGES = ("isi", "stages")
 #: what DVC's files say, the start of a stage, and params, which pass on values of sections (each is
 #: defined beside the code that uses it).
 PLUMBING = {
-    Path("isi", f"{name}.py")
-    for name in ("__init__", "errors", "process", "pipeline", "stage", "params")
+    *(Path("isi", f"{name}.py") for name in ("__init__", "errors", "process")),
+    *(Path("stages", f"{name}.py") for name in ("__init__", "pipeline", "stage", "params")),
 }
 
 

@@ -3,7 +3,7 @@
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ from pydantic import BaseModel
 
 from isi.config import value_of
 from isi.tables import paths
-from stages.params import CONDITIONS, Params
+from stages.params import CONDITIONS
 from stages.pipeline import PIPELINES
 from stages.stage import StageContext, context_of
 
@@ -41,27 +41,40 @@ def listed(stage: str, names: Mapping[str, str]) -> dict[Path, list[str]]:
     return keys
 
 
+@dataclass(frozen=True)
+class ListedParams(StageParams):
+    """Params of which only the listed keys can be read."""
+
+    keys: tuple[str, ...] = ()
+
+    def read(self, key: str, kind: Any) -> Any:
+        """As in ``StageParams``, without the parts that are not listed."""
+        value = super().read(key, kind)
+        if any(f"{key}.".startswith(f"{listed}.") for listed in self.keys):
+            return value
+        below = [each.removeprefix(f"{key}.") for each in self.keys if each.startswith(f"{key}.")]
+        assert below, f"reads {key}, which is not listed"
+        return restricted(value, below)
+
+    def of(self, experiment: str) -> StageParams:
+        """The params of an experiment: a section is listed if its own conditions are, too."""
+        key, left = f"experiments.{experiment}", self.keys
+        for section in CONDITIONS:
+            if not {f"{key}.{section}", key, "experiments"} & {*self.keys}:
+                left = tuple(each for each in left if each.partition(".")[0] != section)
+        return replace(super().of(experiment), keys=left)  # type: ignore[call-arg]
+
+
 def restricted_context(stage: str, names: Mapping[str, str]) -> StageContext:
     """The context of a stage with the params that are listed for it and ``compute``,
     and no others.
     """
     context, keys = context_of(stage, names), listed(stage, names)
-    of_params = [*keys[paths.PARAMS], "compute"]
-    params = restricted(context.params, of_params)
-
-    def of(experiment: str) -> Params:
-        """The params of an experiment: a section is listed if its own conditions are, too."""
-        key, left = f"experiments.{experiment}", of_params
-        for section in CONDITIONS:
-            if not {f"{key}.{section}", key, "experiments"} & {*of_params}:
-                left = [each for each in left if each.partition(".")[0] != section]
-        return restricted(context.params.of(experiment), left)
-
-    params.__dict__["of"] = of
+    params, beyond = context.params, context.beyond
     return replace(
         context,
-        params=params,
-        beyond=restricted(context.beyond, keys[paths.BEYOND_PARAMS]),
+        params=ListedParams(params.values, params.file, keys=(*keys[paths.PARAMS], "compute")),
+        beyond=ListedParams(beyond.values, beyond.file, keys=tuple(keys[paths.BEYOND_PARAMS])),
     )
 
 

@@ -11,11 +11,11 @@ import pandas as pd
 import torch
 from jinja2 import Environment, PackageLoader
 
-from isi.analyses.demonstration import COMPUTED, Explored, Options, payload, picture
-from isi.experiment.train import train_stack
 from isi.initializers.api import INITIALIZERS
 from isi.models.stack import Embedding
+from stages.demonstrate import COMPUTED, Explored, Options, payload, picture
 from stages.report.explorer import script
+from stages.train_theta0 import train_stack
 from tests import small_grid
 from tests.small_graphs import points_of
 

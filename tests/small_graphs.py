@@ -10,11 +10,12 @@ import torch
 from torch import Tensor
 
 from isi.graph.graph import Graph
-from isi.graph.sessions import sample_insert_triples, sample_novel, split
+from isi.graph.sessions import split
 from isi.models.model import Model, make_model
 from isi.models.scoring import DenseTriples
 from isi.models.stack import Embedding
 from stages.grid import GridPoints
+from stages.make_sessions import sample_insert_triples, sample_novel
 
 #: Ids of head, relation and tail.
 Triple = tuple[int, int, int]

@@ -8,12 +8,13 @@ import pandas as pd
 
 from isi.config import Option
 from isi.evaluation.query_sets import GROUPS
-from isi.experiment.insert import InsertConfig, InsertTask, StackResult
-from isi.experiment.train import TrainConfig, TrainResult, train_stack
 from isi.models.stack import Embedding
 from isi.training.batches import Negatives
+from isi.training.fit import TrainConfig
 from isi.training.trainer import Optimizer, Training
 from stages.grid import GridPoints
+from stages.insert import InsertConfig, InsertTask, StackResult
+from stages.train_theta0 import TrainResult, train_stack
 from tests.init_contexts import EVERYONE
 from tests.small_graphs import ANALOGY, points_of, random_graph
 

@@ -7,7 +7,8 @@ from typing import Any
 import yaml
 
 from isi.config import check
-from stages.params import CONDITIONS, Params
+from stages.check_params import Params
+from stages.params import CONDITIONS
 
 ROOT = Path(__file__).parent.parent
 EPOCHS = 3

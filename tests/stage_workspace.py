@@ -10,11 +10,10 @@ import pandas as pd
 import pytest
 import yaml
 
-from isi.graph.graph import ENTITIES, TRIPLES
-from isi.sources import KINDS as KIND_TABLE
-from isi.sources import OBSERVATIONS
 from isi.tables import paths
 from isi.tables.table import Table
+from stages.files import ENTITIES, OBSERVATIONS, TRIPLES
+from stages.files import KINDS as KIND_TABLE
 from tools.workspace import change
 
 ROOT = Path(__file__).parent.parent

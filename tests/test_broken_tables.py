@@ -8,10 +8,10 @@ import pytest
 
 from isi.errors import InputError
 from isi.evaluation.changes import change_rows
-from isi.experiment.insert import joint_targets
-from isi.sources import KINDS, OBSERVATIONS
 from isi.tables.table import Table
-from stages.params import load
+from stages.check_params import load
+from stages.files import KINDS, OBSERVATIONS
+from stages.insert import joint_targets
 from stages.store import RUNS, Store
 from tests import stage_run
 from tests.broken_tables import CASES, TENSOR_CASES, Tensors

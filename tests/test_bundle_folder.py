@@ -10,11 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isi.errors import InputError
-from isi.experiment.final_model import train_final, usual_epochs, whole_graph
 from isi.home.bundle import Bundle, read
 from isi.models.stack import uniform
 from isi.training.batches import training_data
 from isi.training.trainer import run_epoch, start
+from stages.train_final import train_final, usual_epochs, whole_graph
 from tests.small_bundle import NAMES, files, small, written
 from tests.small_graphs import random_graph
 from tests.small_grid import LEARNING

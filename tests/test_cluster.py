@@ -13,13 +13,14 @@ from pathlib import Path
 
 import pytest
 import torch
+from isi.experiment import runner
 
 from isi.errors import InputError
-from isi.experiment import runner
-from isi.experiment.insert import insert_stack
-from isi.experiment.train import TrainConfig, TrainResult, train_stack
+from isi.training.fit import TrainConfig
 from stages.grid import GridPoints
+from stages.insert import insert_stack
 from stages.runner import Compute, TaskError, run
+from stages.train_theta0 import TrainResult, train_stack
 from tests.dask_cluster import Cluster, two_workers
 from tests.environment import wait_for
 from tests.small_grid import insert_tasks, inserted_bytes, theta0, trained_bytes, training_tasks

@@ -8,15 +8,16 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-
-from isi.analyses.trajectory import trace_trajectory
-from isi.errors import InputError
 from isi.experiment import runner
-from isi.experiment.insert import insert_stack
-from isi.experiment.train import evaluate_stack, train_stack
+
+from isi.errors import InputError
 from isi.models.model import MODELS, make_model
 from isi.training import batches
+from stages.insert import insert_stack
 from stages.runner import Compute
+from stages.trace_trajectory import trace_trajectory
+from stages.train_joint import evaluate_stack
+from stages.train_theta0 import train_stack
 from tests import small_grid as grid
 from tests.fake_device import DEVICE, FakeDevice
 

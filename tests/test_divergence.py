@@ -10,12 +10,12 @@ import torch
 
 from isi.config import LARGEST, Option
 from isi.errors import InputError
-from isi.experiment.insert import insert_stack
-from isi.experiment.train import train_stack
 from isi.models.stack import Embedding, NotFinite, check_finite
 from isi.training.batches import Negatives, training_data
 from isi.training.trainer import Optimizer, start, train
+from stages.insert import insert_stack
 from stages.runner import Compute, run
+from stages.train_theta0 import train_stack
 from tests.init_contexts import EVERYONE
 from tests.small_graphs import ANALOGY, points_of, random_embedding, random_graph, score_all
 from tests.small_grid import LEARNING, insert_tasks, theta0, training_tasks

@@ -10,24 +10,21 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
+from isi.experiment import runner
 
-from isi.analyses.finetuning import finetune_only
-from isi.analyses.joint_models import (
-    CrossValidation,
-    Setting,
-    best_validations,
-)
-from isi.analyses.trajectory import place_of_traced
-from isi.analyses.variants import train_models
 from isi.evaluation.changes import CHANGES
 from isi.evaluation.query_sets import GROUPS
 from isi.evaluation.ranking import MEASURES
-from isi.experiment import runner
-from isi.experiment.insert import InsertTask, insert_stack
-from isi.experiment.train import TrainResult, evaluate_stack, joint_points, train_stack
 from isi.models.stack import Embedding
 from isi.training import trainer
+from stages.cross_validate import CrossValidation, Setting, best_validations
+from stages.finetune_only import finetune_only
+from stages.insert import InsertTask, insert_stack
 from stages.runner import Compute
+from stages.trace_trajectory import place_of_traced
+from stages.train_joint import evaluate_stack, joint_points
+from stages.train_theta0 import TrainResult, train_stack
+from stages.vary import train_models
 from tests import small_grid as grid
 from tests.small_graphs import points_of
 

@@ -18,12 +18,12 @@ import torch
 from numpy.random import Generator
 
 from isi import params
-from isi.analyses.demonstration import COMPUTED, DRAWS, Explored, draws, median_draw, picture
 from isi.evaluation.ranking import make_queries, padded_ids, rank_queries
 from isi.graph.sessions import OUT, TEST, TRAIN, VALID, Session, membership, touches
 from isi.initializers.api import INITIALIZERS, InitResult
 from isi.initializers.context import InitContext, context_in_session
 from isi.models.stack import Embedding
+from stages.demonstrate import COMPUTED, DRAWS, Explored, draws, median_draw, picture
 from stages.grid import GridPoints
 from stages.store import Store
 from tests.browser import Opened, opened

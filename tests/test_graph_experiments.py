@@ -8,10 +8,11 @@ import pandas as pd
 import pytest
 import yaml
 
-from isi.analyses.variants import GRAPH_QUERIES, GRAPH_RUNS, VARIANT_QUERIES, VARIANT_RUNS
-from isi.graph.graph import ENTITIES, GRAPH_ENTITIES, GRAPH_TRIPLES, TRIPLES
 from isi.tables import paths
+from stages.explore import GRAPH_ENTITIES, GRAPH_QUERIES, GRAPH_RUNS, GRAPH_TRIPLES
+from stages.files import ENTITIES, TRIPLES
 from stages.params import CONDITIONS
+from stages.vary import VARIANT_QUERIES, VARIANT_RUNS
 from tests import stage_run
 from tests.beyond_entries import GRAPH, ROOT, SESSIONS, WORDS, copy_pipelines, list_entries
 

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from isi.config import check
 from isi.errors import InputError
 from isi.graph import graph as graphs
-from isi.graph.graph import Extension, GraphOf, GraphTables, MinedSource, build_tables
+from isi.graph.graph import GraphTables, MinedSource, build_tables
 from isi.tables.table import Table
+from stages.build_graph import Extension, GraphOf
 
 #: (head, relation, tail, how many observations), in the order in which they were seen.
 SEEN = [

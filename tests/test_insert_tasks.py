@@ -6,9 +6,9 @@ import pandas as pd
 import pytest
 
 from isi.errors import InputError
-from isi.experiment.insert import joint_targets, targets_below
 from isi.tables import paths
-from stages.params import load
+from stages.check_params import load
+from stages.insert import joint_targets, targets_below
 from stages.store import RUNS
 from tests.small_graphs import points_of, random_graph
 

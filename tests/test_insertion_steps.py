@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from isi.experiment.insert import InsertConfig, finetune
 from isi.models.stack import Embedding
 from isi.training import trainer
 from isi.training.batches import Negatives, training_data
 from isi.training.trainer import Optimizer, never_stop
+from stages.insert import InsertConfig, finetune
 from tests.small_insertion import points_at, world
 
 NEGATIVES = Negatives(mode="sampled", ratio=2)

@@ -8,8 +8,9 @@ from typing import Any
 import pytest
 import yaml
 
-from isi import stage as stages
+from isi.models.model import EmbeddingParams
 from isi.tables import paths
+from stages import stage as stages
 from tests import stage_run
 from tests.beyond_entries import GRAPH, SESSIONS, VARIANT
 from tests.listed_params import restricted_context
@@ -115,7 +116,9 @@ def test_every_stage_but_the_reports_which_list_nearly_all_is_tried() -> None:
 def test_params_that_are_not_listed_cannot_be_read() -> None:
     params = restricted_context("insert", {"experiment": NAME, "initializer": "rs"}).params
     assert params.seed == 0
+    with pytest.raises(AssertionError):
+        params.read("embedding.dimension", int)
+    with pytest.raises(AssertionError):
+        params.read("initializers.es", dict[str, Any])
     with pytest.raises(AttributeError):
-        _ = params.embedding.dimension
-    with pytest.raises(KeyError):
-        _ = params.initializers["es"]
+        _ = params.read("embedding", EmbeddingParams).dimension

@@ -10,13 +10,13 @@ from typing import Any, Literal
 import pytest
 import yaml
 
-from isi.analyses.trajectory import traced
 from isi.config import Count, check, keywords, options
 from isi.errors import InputError
 from isi.initializers.api import INITIALIZERS, initializer
 from isi.initializers.paper import mean
 from isi.tables import paths
-from stages.params import Params, check_params, load
+from stages.check_params import Params, check_params, load
+from stages.trace_trajectory import traced
 from tests.small_params import small_params
 from tools.workspace import DROP, change_all
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-
 from isi.analyses import demonstration
-from isi.analyses.demonstration import ANSWERS, COMPUTED, DRAWS, draws, median_draw, registered
+
+from stages.demonstrate import ANSWERS, COMPUTED, DRAWS, draws, median_draw, registered
 from stages.projection import Projection, ticks
 from stages.report.explorer import TEMPLATES
 from tests.small_explorer import NAMES, Shown, scores, small

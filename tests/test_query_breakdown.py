@@ -5,13 +5,13 @@ import pandas as pd
 import pytest
 import torch
 
-from isi.analyses.affordances import rank_answers, ranks_of
 from isi.evaluation.query_sets import query_sets
 from isi.evaluation.ranking import evaluate, measure_rows
 from isi.graph.sessions import OUT, TEST, TRAIN, VALID
 from isi.models.stack import Embedding, select
 from stages.breakdown import break_down
 from stages.grid import GridPoints
+from stages.rank_affordances import rank_answers, ranks_of
 from stages.report.tables.estimates import combined
 from tests.small_graphs import ANALOGY, graph_of, points_of, random_embedding, random_graph
 

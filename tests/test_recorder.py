@@ -15,11 +15,11 @@ import yaml
 
 from isi import config
 from isi.errors import InputError
-from isi.recorder import Recording, header, record
-from isi.sources import OBSERVATIONS, Source
+from isi.sources import Source
 from isi.sources.recordings import FORMAT, ITHOR, Layout, Recorder, locate, read_recording
 from isi.tables import paths
-from stages.record import main
+from stages.files import OBSERVATIONS
+from stages.record import Recording, header, main, record
 from tests.observing import observations_of
 
 ROOT = Path(__file__).parent.parent
@@ -75,7 +75,7 @@ def simulator(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Simulator:
     monkeypatch.chdir(tmp_path)
     Path("thor").write_bytes(b"build")
     made = Simulator(SCENES)
-    monkeypatch.setattr("isi.recorder.Controller", made)
+    monkeypatch.setattr("stages.record.Controller", made)
     return made
 
 

@@ -8,8 +8,9 @@ import pytest
 
 from isi.errors import InputError
 from isi.graph.graph import Graph
-from isi.graph.sessions import INSERT_TRIPLES, NOVEL, SPLITS, SessionsOf, Shares, session_tables
 from isi.tables.table import Table
+from stages.files import INSERT_TRIPLES, NOVEL, SPLITS
+from stages.make_sessions import SessionsOf, Shares, session_tables
 from tests.small_graphs import random_graph
 
 KEY = "experiments.home.sessions"

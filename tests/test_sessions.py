@@ -14,26 +14,19 @@ from hypothesis import strategies as st
 from isi.errors import InputError
 from isi.evaluation.changes import changed_query_sets
 from isi.evaluation.query_sets import query_sets
-from isi.graph.graph import ENTITIES, TRIPLES, Graph, MinedSource, build_graph, build_tables
-from isi.graph.sessions import (
-    OUT,
-    SPLIT_NAMES,
-    SPLITS,
-    TEST,
-    TRAIN,
-    VALID,
+from isi.graph.graph import Graph, MinedSource, build_graph, build_tables
+from isi.graph.sessions import OUT, TEST, TRAIN, VALID, folds, session_at, split
+from isi.tables import paths
+from stages.files import ENTITIES, SPLIT_NAMES, SPLITS, TRIPLES
+from stages.make_sessions import (
     SessionsOf,
     Shares,
     check_held_out,
-    folds,
     published_split,
     sample_insert_triples,
     sample_novel,
-    session_at,
     session_tables,
-    split,
 )
-from isi.tables import paths
 from stages.store import Store
 from tests.observing import observations_of
 from tests.small_graphs import InsertFrom, as_stored, generator, graph_of, points_of, random_graph

@@ -13,18 +13,23 @@ import pandas as pd
 import pytest
 import torch
 
-from isi.analyses.variants import VARIANT_RUNS
 from isi.errors import LONGEST, InputError, short, suggestion
-from isi.graph.graph import ENTITIES, TRIPLES
-from isi.graph.sessions import INSERT_TRIPLES, NOVEL, SPLITS
-from isi.graph.words import WORD_VECTORS
-from isi.sources import KINDS as KIND_TABLE
-from isi.sources import OBSERVATIONS
 from isi.tables import io, paths
 from isi.tables.table import concat
 from stages.breakdown import QUERY_BREAKDOWN
+from stages.files import (
+    ENTITIES,
+    INSERT_TRIPLES,
+    NOVEL,
+    OBSERVATIONS,
+    SPLITS,
+    TRIPLES,
+    WORD_VECTORS,
+)
+from stages.files import KINDS as KIND_TABLE
 from stages.pipeline import missing
 from stages.store import INITIAL_VECTORS, MEASURE_CHANGES, RUNS, THETA0
+from stages.vary import VARIANT_RUNS
 from tests import stage_run
 from tests.stage_workspace import (
     KINDS,

@@ -12,12 +12,10 @@ import torch
 from safetensors import safe_open
 
 from isi.errors import InputError
-from isi.graph.graph import ENTITIES, TRIPLES
-from isi.graph.sessions import NOVEL
-from isi.sources import KINDS
 from isi.tables import io
 from isi.tables.rules import ArrowType
 from isi.tables.table import Table, concat
+from stages.files import ENTITIES, KINDS, NOVEL, TRIPLES
 from stages.store import MEASURE_CHANGES, RUNS
 from tests.example_tables import ROWS, rows_of
 

@@ -18,8 +18,8 @@ from isi.graph.sessions import OUT, TEST, TRAIN, VALID
 from isi.graph.words import read_vectors
 from isi.sources.triples import shipped_names
 from isi.tables import paths
+from stages.check_params import load
 from stages.grid import GridPoints
-from stages.params import load
 from tests.small_graphs import points_of, random_embedding, random_graph
 from tools import headline, repro, workspace
 from tools.choose_initializers import about, hide, settings_of

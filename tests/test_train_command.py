@@ -16,7 +16,6 @@ import torch
 import isi
 from isi.errors import InputError
 from isi.evaluation.filtered import end_queries, random_ranks
-from isi.experiment.train import TrainConfig, warn_of_batch
 from isi.graph.graph import Graph, build_graph
 from isi.graph.sessions import TEST, TRAIN, VALID
 from isi.home.bundle import write
@@ -34,7 +33,9 @@ from isi.home.train import (
 )
 from isi.models.bilinear import DistMult
 from isi.training.batches import Negatives
+from isi.training.fit import TrainConfig
 from isi.training.trainer import Training
+from stages.train_theta0 import warn_of_batch
 from tests.documented import DOCS
 from tests.plain_ranks import plain_rank
 from tests.small_graphs import points_of, random_graph

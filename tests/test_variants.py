@@ -14,7 +14,16 @@ import pytest
 import torch
 import yaml
 
-from isi.analyses.variants import (
+from isi.errors import InputError
+from isi.evaluation.changes import change_rows
+from isi.tables import paths
+from isi.training.fit import TrainConfig
+from stages.breakdown import break_down
+from stages.check_params import load as load_params
+from stages.check_params import load_beyond
+from stages.insert import InsertConfig, insert_stack, joint_targets, with_vectors
+from stages.train_joint import evaluate_stack
+from stages.vary import (
     LEARNED,
     VARIANT_QUERIES,
     VARIANT_RUNS,
@@ -26,14 +35,6 @@ from isi.analyses.variants import (
     run_variant,
     train_models,
 )
-from isi.errors import InputError
-from isi.evaluation.changes import change_rows
-from isi.experiment.insert import InsertConfig, insert_stack, joint_targets, with_vectors
-from isi.experiment.train import TrainConfig, evaluate_stack
-from isi.tables import paths
-from stages.breakdown import break_down
-from stages.params import load as load_params
-from stages.params import load_beyond
 from tests import stage_run
 from tests.beyond_entries import GRAPH as GRAPH_EXPERIMENT
 from tests.beyond_entries import VARIANT, copy_pipelines, list_entries

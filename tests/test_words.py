@@ -13,11 +13,11 @@ from gensim.models import KeyedVectors
 
 from isi.errors import InputError
 from isi.graph import words
-from isi.graph.words import Words
 from isi.sources.names import entity_name
 from isi.sources.recordings import locate
 from isi.sources.triples import published_phrases
 from isi.tables import paths
+from stages.embed_words import Words
 from tools.embed_phrases import reuse
 
 VECTORS = {

@@ -15,8 +15,8 @@ from pathlib import Path
 import pytest
 
 from isi.errors import InputError
-from isi.graph.graph import ENTITIES, TRIPLES
 from isi.tables import io
+from stages.files import ENTITIES, TRIPLES
 from tests.environment import CAN_MOUNT, OWN_MOUNTS
 from tests.stage_workspace import KINDS, OBSERVED, leave, observed, outputs, workspace, write
 

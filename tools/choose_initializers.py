@@ -20,24 +20,17 @@ from torch import Tensor
 
 from isi.evaluation.query_sets import query_sets
 from isi.evaluation.ranking import Queries, evaluate, make_queries, padded_ids
-from isi.experiment.insert import init_context, with_vectors
-from isi.experiment.train import train_stack
-from isi.graph.sessions import (
-    OUT,
-    TRAIN,
-    VALID,
-    Session,
-    membership,
-    sample_insert_triples,
-    touches,
-)
+from isi.graph.sessions import OUT, TRAIN, VALID, Session, membership, touches
 from isi.initializers.api import INITIALIZERS, options_of
 from isi.models.stack import Embedding
 from isi.random import stream
+from stages.check_params import Params, load
 from stages.grid import GridPoints
-from stages.params import Params, load
+from stages.insert import init_context, with_vectors
+from stages.make_sessions import sample_insert_triples
 from stages.runner import run
 from stages.store import Store
+from stages.train_theta0 import train_stack
 from tools.choose_models import combinations
 from tools.docs import BENCHMARKS, write_table
 from tools.figures import STYLE, rendered

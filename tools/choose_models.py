@@ -12,12 +12,13 @@ from itertools import product
 import numpy as np
 import pandas as pd
 
-from isi.experiment.train import TrainConfig, train_stack
 from isi.models.model import make_model
+from isi.training.fit import TrainConfig
+from stages.check_params import load
 from stages.grid import GridPoints
-from stages.params import load
 from stages.runner import run
 from stages.store import Store
+from stages.train_theta0 import train_stack
 from tools.docs import write_table
 
 SEEDS = 2

@@ -15,7 +15,7 @@ from isi.cli import settings
 from isi.config import read, value_of
 from isi.errors import InputError, suggestion
 from isi.process import Parser, errors_in_one_line
-from stages.params import load
+from stages.check_params import load
 
 ROOT = Path(__file__).parent.parent
 COPIED = ("isi", "stages", "data/raw", "dvc.yaml", "pyproject.toml")

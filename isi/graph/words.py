@@ -8,46 +8,19 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from isi.config import Section, Sha256
-from isi.errors import InputError, at, cut, extra, short
-from isi.tables import paths
-from isi.tables.io import check_sha256
-from isi.tables.rules import TEXT, ColumnType
-from isi.tables.table import Table, TensorFile
+from isi.errors import InputError, cut, extra, short
 
 if TYPE_CHECKING:
     # elsewhere where it is used, since it takes seconds to import
     from gensim.models import KeyedVectors
 
-#: Tensor ``vectors``, shape (E, w), float32; zeros where an entity has no word vector.
-WORD_VECTORS = TensorFile("data/words/{experiment}/vectors.safetensors")
-#: The phrase of each entity, and the tokens whose vectors it has (``WordVectors.served_by``).
-COVERAGE = Table(
-    "data/words/{experiment}/coverage.parquet",
-    key=["entity"],
-    columns={"entity": TEXT, "phrase": TEXT, "served_by": ColumnType(TEXT.type, nullable=True)},
-)
-
 #: Largest magnitude of a number in a vector; those of word2vec and GloVe are below 100.
 LARGEST = 1e6
 START = 4096  #: Bytes that tell the format.
-
-
-class Words(Section):
-    """``words`` in params: which word vectors to use."""
-
-    source: str
-    text: Literal["definition", "phrase", "wordnet", "glove"]
-    sha256: Sha256 | None
-
-    @property
-    def shipped(self) -> bool:
-        """Whether these are the vectors under ``data/raw``."""
-        return self.source == "shipped"
 
 
 @dataclass(frozen=True)
@@ -72,19 +45,6 @@ def look_up(words: KeyedVectors, phrases: Sequence[str]) -> WordVectors:
         if tokens:
             vectors[row] = np.mean([words[token] for token in tokens], axis=0)
     return WordVectors(vectors, served)
-
-
-def load_vectors(given: Words) -> KeyedVectors:
-    """Load the word vectors that params name: shipped, or from a file."""
-    if given.shipped:
-        return read_vectors(paths.shipped_vectors(given.text))
-    path = Path(given.source)
-    with at(short(given.source)):
-        is_file = path.is_file()
-    if not is_file:
-        raise InputError(path, "", "expected a file of word vectors, but there is no such file")
-    check_sha256(path, given.sha256)
-    return read_vectors(path)
 
 
 def read_vectors(path: Path) -> KeyedVectors:

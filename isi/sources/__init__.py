@@ -20,41 +20,16 @@ from isi import config
 from isi.errors import InputError, at, short
 from isi.names import clean, name_fault
 from isi.sources.names import AT_LOCATION, HAS_AFFORDANCE, HAS_MATERIAL
-from isi.tables.rules import COUNT, MOST_OBSERVED, NAME, TEXT, ColumnType, at_least
-from isi.tables.table import Table
+from isi.tables.rules import MOST_OBSERVED
 
-#: One row per triple of an instance, or per tally; ``count`` is the number of observations.
-OBSERVATIONS = Table(
-    "data/observations/{source}.parquet",
-    {
-        "scene": ColumnType(NAME.type, nullable=True),
-        "room": NAME.optional,
-        "instance": ColumnType(TEXT.type, nullable=True),
-        "head": NAME,
-        "relation": NAME,
-        "tail": NAME,
-        "count": COUNT,
-    },
-)
-#: One row per entity of a source; ``phrase`` is looked up in the word vectors.
-KINDS = Table(
-    "data/observations/{source}.entities.parquet",
-    {"entity": TEXT, "kind": NAME, "phrase": TEXT},
-    key=["entity"],
-)
-#: Number of instances (RDF: triples) by description, ``step``: those left after a step, dropped, or
-#: irregular.
-MINED = Table(
-    "data/observations/{source}.mined.parquet",
-    {"step": TEXT, "instances": at_least(0, "int64")},
-    key=["step"],
-)
 CHANGED = "names changed to Unicode's NFC, without invisible characters and outer spaces"
 REPEATED = "observations dropped that an earlier event has, too"
 CHUNK = 65_536  #: Maximum number of rows of a table that ``Source.frames`` yields.
+#: Names of what ``Observation`` holds.
+OBSERVED = ("scene", "room", "instance", "head", "relation", "tail", "count")
 #: Scene, room and instance (None where there is none), head, relation, tail, count.
 Observation = tuple[str | None, str | None, str | None, str, str, str, int]
-#: Unique triples (columns head, relation, tail) and names of rooms → entities (``KINDS``).
+#: Unique triples (columns head, relation, tail) and names of rooms → entities with kind and phrase.
 NameEntities = Callable[[pd.DataFrame, Collection[str]], pd.DataFrame]
 Read = Callable[..., Iterable[Observation]]
 
@@ -64,7 +39,7 @@ class Mining:
     """First argument of a reader: a seed, and two fields that the reader fills."""
 
     seed: int  #: root of every random stream
-    #: instances or triples by description (``MINED``)
+    #: instances or triples by description
     counts: Counter[str] = field(default_factory=Counter)
     name_entities: NameEntities | None = None  #: replaces ``Reader.name_entities`` unless None
 
@@ -159,7 +134,7 @@ class Source:
     and then ``kinds`` holds the entities.
     """
 
-    kinds: pd.DataFrame  #: entities (``KINDS``); set after the last part of ``frames``
+    kinds: pd.DataFrame  #: entities with kind and phrase; set after the last part of ``frames``
 
     def __init__(self, section: object, key: str, seed: int) -> None:
         """Check the section (``settings_of``) without reading a file;
@@ -171,8 +146,8 @@ class Source:
         self.counts = self._mining.counts
 
     def frames(self) -> Iterator[pd.DataFrame]:
-        """Yield ``OBSERVATIONS`` in parts; InputError for none, too many, invalid names,
-        or not one kind per entity.
+        """Yield the observations in parts, with the columns ``OBSERVED``; InputError for none, too
+        many, invalid names, or not one kind per entity.
         """
         observations = iter(self._reader.read(self._mining, **self._settings))
         triples: set[tuple[str, str, str]] = set()
@@ -196,7 +171,7 @@ class Source:
                 columns[place] = tuple(changed.get(name, name) for name in columns[place])
             triples |= set(zip(*columns[3:6], strict=True))
             rooms |= set(columns[1]) - {None}
-            frame = dict(zip(OBSERVATIONS.columns, columns, strict=True))
+            frame = dict(zip(OBSERVED, columns, strict=True))
             yield pd.DataFrame(frame, dtype=object).astype({"count": "int64"})
         if changed:
             self.counts[CHANGED] = len(changed)

@@ -16,7 +16,7 @@ from isi.graph.graph import Graph, MinedSource, build_graph, build_tables
 from isi.graph.sessions import Session, session_of, split
 from isi.sources import Source
 from isi.tables import paths
-from stages.params import Params, load
+from stages.check_params import Params, load
 
 
 def pytest_benchmark_update_machine_info(machine_info: dict[str, Any]) -> None:

@@ -45,10 +45,11 @@ def mine_houses(houses: int, table: str) -> dict[str, Any]:
     each time with new names of the scene and its objects.
     """
     from isi.config import read
-    from isi.sources import OBSERVATIONS, settings_of
+    from isi.sources import settings_of
     from isi.sources.ai2thor import materials_of, mine
     from isi.sources.recordings import Scene, SceneObject, locate, read_recording
     from isi.tables import paths
+    from stages.files import OBSERVATIONS
     from tests.observing import source_of
 
     def renamed(thing: SceneObject, house: int) -> SceneObject:
@@ -128,11 +129,12 @@ def grow_graph(entities: int, triples: int, form: str) -> dict[str, Any]:
     from isi import config
     from isi.evaluation.ranking import evaluate, make_queries, padded_ids
     from isi.graph.graph import Graph
-    from isi.graph.sessions import TEST, TRAIN, VALID, Shares, session_of, split
+    from isi.graph.sessions import TEST, TRAIN, VALID, session_of, split
     from isi.models.model import EmbeddingParams, make_model
     from isi.models.stack import uniform
     from isi.tables import paths
     from isi.training import batches, trainer
+    from stages.make_sessions import Shares
 
     torch.set_num_threads(1)
     torch.set_flush_denormal(True)

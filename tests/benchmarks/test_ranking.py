@@ -19,10 +19,11 @@ from torch import Tensor
 from isi.evaluation.query_sets import query_sets
 from isi.evaluation.ranking import MEASURES, Queries, evaluate, make_queries, padded_ids
 from isi.graph.graph import Graph
-from isi.graph.sessions import TEST, TRAIN, VALID, Session, sample_novel
+from isi.graph.sessions import TEST, TRAIN, VALID, Session
 from isi.models.model import make_model
 from isi.models.stack import Embedding, uniform
-from stages.params import Params
+from stages.check_params import Params
+from stages.make_sessions import sample_novel
 from tests.benchmarks.conftest import split_session
 
 SCOPES_MODELS = 5

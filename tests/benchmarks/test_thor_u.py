@@ -16,12 +16,13 @@ import torch
 
 from isi.evaluation.filtered import end_ranks
 from isi.graph.graph import Graph
-from isi.graph.sessions import SPLIT_NAMES, TEST, VALID, Session, session_of
+from isi.graph.sessions import TEST, VALID, Session, session_of
 from isi.models.model import make_model
 from isi.models.stack import Embedding, select, uniform
 from isi.tables import paths
 from isi.training.batches import Negatives, training_data
 from isi.training.trainer import Training, train_until_best
+from stages.files import SPLIT_NAMES
 
 MODELS = 5
 DIMENSION = 100

@@ -34,7 +34,7 @@ from isi.models.stack import uniform
 from isi.training import trainer
 from isi.training.batches import TrainingData, training_data
 from isi.training.trainer import Training
-from stages.params import Params
+from stages.check_params import Params
 from tests.benchmarks.conftest import split_session
 from tests.small_graphs import random_graph
 

@@ -21,19 +21,20 @@ import yaml
 
 from isi.errors import InputError, at
 from isi.graph.files import read_graph
-from isi.graph.graph import TRIPLES, MinedSource, build_tables
+from isi.graph.graph import MinedSource, build_tables
 from isi.graph.words import look_up, read_vectors
 from isi.home.embedding import LiveEmbedding
 from isi.home.stream import answer
 from isi.home.train import tables_of
 from isi.names import name_fault
-from isi.recorder import Recording
-from isi.sources import KINDS, OBSERVATIONS, Source
+from isi.sources import Source
 from isi.sources.recordings import ITHOR
 from isi.sources.triples import shipped_names
 from isi.tables import io as tables
 from isi.tables import paths
 from isi.tables.table import as_text
+from stages.files import KINDS, OBSERVATIONS, TRIPLES
+from stages.record import Recording
 from tests.small_live import KNOWN, assert_same, quick_choices, seen
 
 Files = dict[str, bytes]

@@ -30,7 +30,7 @@ from stages.report.tables.estimates import (
 from stages.report.tables.statistics import Statistics
 
 if TYPE_CHECKING:
-    from stages.params import ExperimentOf, Params
+    from stages.check_params import ExperimentOf, Params
 
 JOINT = "joint"
 #: The model without insertion: Θ⁰, fine-tuned.

@@ -16,8 +16,8 @@ from stages.report.tables.registry import Frames, table
 from stages.report.tables.results import by_label
 
 if TYPE_CHECKING:
-    from isi.analyses.variants import Variant
-    from stages.params import Beyond, Params
+    from stages.check_params import Beyond, Params
+    from stages.vary import Variant
 
 #: The initializer with which all others are compared, paired by seed.
 REFERENCE = "ers"

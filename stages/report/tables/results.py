@@ -10,7 +10,8 @@ from typing import Any
 import pandas as pd
 
 from isi.evaluation.scopes import SCOPES
-from isi.graph.graph import MinedSource, new_entities
+from isi.graph.graph import MinedSource
+from stages.build_graph import new_entities
 from stages.report.tables.data import (
     DIRECTIONS,
     FINETUNE_ONLY,

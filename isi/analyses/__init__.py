@@ -1,1 +1,0 @@
-"""Analyses of the runs of the main grid, and further experiments."""

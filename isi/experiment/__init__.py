@@ -1,1 +1,0 @@
-"""The grid of insertions: sizes, seeds and sessions, and the tasks that run over it."""
