@@ -13,7 +13,7 @@ from pydantic import BaseModel
 
 from isi.config import value_of
 from isi.tables import paths
-from stages.params import CONDITIONS
+from stages.params import CONDITIONS, StageParams
 from stages.pipeline import PIPELINES
 from stages.stage import StageContext, context_of
 
