@@ -13,10 +13,10 @@ from pathlib import Path
 
 import pytest
 import torch
-from isi.experiment import runner
 
 from isi.errors import InputError
 from isi.training.fit import TrainConfig
+from stages import runner
 from stages.grid import GridPoints
 from stages.insert import insert_stack
 from stages.runner import Compute, TaskError, run

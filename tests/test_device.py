@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from isi.experiment import runner
 
 from isi.errors import InputError
 from isi.models.model import MODELS, make_model
 from isi.training import batches
+from stages import runner
 from stages.insert import insert_stack
 from stages.runner import Compute
 from stages.trace_trajectory import trace_trajectory

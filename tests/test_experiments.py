@@ -10,15 +10,15 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
-from isi.experiment import runner
 
 from isi.evaluation.changes import CHANGES
 from isi.evaluation.query_sets import GROUPS
 from isi.evaluation.ranking import MEASURES
 from isi.models.stack import Embedding
 from isi.training import trainer
+from stages import runner
 from stages.cross_validate import CrossValidation, Setting, best_validations
-from stages.finetune_only import finetune_only
+from stages.finetune_only import finetune_without_insertion
 from stages.insert import InsertTask, insert_stack
 from stages.runner import Compute
 from stages.trace_trajectory import place_of_traced
@@ -225,7 +225,7 @@ def test_the_best_validation_on_a_fold_is_the_last_that_was_kept() -> None:
 
 def test_fine_tuning_alone_starts_where_every_insertion_starts() -> None:
     trained = grid.theta0()
-    runs = finetune_only(
+    runs = finetune_without_insertion(
         points_of(grid.GRAPH, grid.SIZE, grid.SEEDS), trained, 0, grid.SAMPLED, grid.OPTIMIZER
     )
     runs = runs.query("epoch == 0").set_index("seed")
@@ -247,9 +247,9 @@ def test_fine_tuning_alone_moves_known_entities_and_no_novel_one(
         ended.append(trainer.train(*arguments))  # type: ignore[arg-type]
         return ended[-1]
 
-    monkeypatch.setattr("isi.analyses.finetuning.train", recorded)
+    monkeypatch.setattr("stages.finetune_only.train", recorded)
     points, trained = points_of(grid.GRAPH, grid.SIZE, grid.SEEDS), grid.theta0()
-    finetune_only(points, trained, 0, grid.SAMPLED, grid.OPTIMIZER)
+    finetune_without_insertion(points, trained, 0, grid.SAMPLED, grid.OPTIMIZER)
     (after,), before = ended, trained
     still = (after.entity == before.entity).all(-1)
     for model, novel in enumerate(points.novel.tolist()):

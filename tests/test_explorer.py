@@ -17,15 +17,16 @@ import pytest
 import torch
 from numpy.random import Generator
 
-from isi import params
 from isi.evaluation.ranking import make_queries, padded_ids, rank_queries
 from isi.graph.sessions import OUT, TEST, TRAIN, VALID, Session, membership, touches
 from isi.initializers.api import INITIALIZERS, InitResult
 from isi.initializers.context import InitContext, context_in_session
 from isi.models.stack import Embedding
+from stages.check_params import load
 from stages.demonstrate import COMPUTED, DRAWS, Explored, draws, median_draw, picture
 from stages.grid import GridPoints
-from stages.store import Store
+from stages.params import StageParams
+from stages.store import Store, model_of
 from tests.browser import Opened, opened
 from tests.small_explorer import NAMES, Shown, scores, small
 
@@ -54,9 +55,9 @@ STATE = """(({subject, given, choices}) => [subject.name, subject.facts.length, 
 
 def of_run() -> Shown:
     with chdir(RUN):
-        known, store = params.load(), Store("ai2thor")
+        known, store = load(), Store("ai2thor")
         chosen = known.explorer
-        explored = Explored.read(store, known.model_of(), chosen.size, chosen.seed)
+        explored = Explored.read(store, model_of(StageParams.load()), chosen.size, chosen.seed)
         assert explored is not None
         fraction = known.sessions.insert_fraction
         kinds = store.entities()["kind"]

@@ -7,18 +7,17 @@ import pytest
 
 from isi.errors import InputError
 from isi.tables import paths
-from stages.check_params import load
-from stages.insert import joint_targets, targets_below
+from stages.insert import config_of_experiment, insert_config, joint_targets, targets_below
+from stages.params import StageParams
 from stages.store import RUNS
 from tests.small_graphs import points_of, random_graph
 
 POINTS = points_of(random_graph(12, 2, 80), 2, [4, 6])
-PARAMS = load(Path(__file__).parent.parent / paths.PARAMS).model_copy(
-    update={
-        "seed": 9,
-        "initializers": {"es": {"k": 4}, "rs": {"k": 6}, "ers": {"k": 2, "candidates": 8}},
-    }
-)
+VALUES = StageParams.load(Path(__file__).parent.parent / paths.PARAMS).values | {
+    "seed": 9,
+    "initializers": {"es": {"k": 4}, "rs": {"k": 6}, "ers": {"k": 2, "candidates": 8}},
+}
+PARAMS = StageParams(VALUES)
 
 
 def joint_rows() -> pd.DataFrame:
@@ -65,15 +64,16 @@ def test_a_cell_that_the_joint_models_lack_is_named() -> None:
     ("name", "options"), [("es", {"k": 4}), ("ers", {"k": 2, "candidates": 8})]
 )
 def test_params_say_how_an_initializer_inserts(name: str, options: dict[str, int]) -> None:
-    config = PARAMS.insert_config(name, [3])
-    assert (config.initializer, config.options, config.root, config.full_curves) == (
-        name,
-        options,
-        9,
-        [3],
+    config = config_of_experiment(PARAMS, "ai2thor", name)
+    assert (config.initializer, config.options, config.root) == (name, options, 9)
+    experiment = VALUES["experiments"]["ai2thor"]
+    assert (config.full_curves, config.finetuned) == (
+        experiment["full_curves"],
+        experiment["finetuned"]["seeds"],
     )
-    assert config.margin == PARAMS.convergence.margin
-    assert (config.negatives, config.optimizer) == (PARAMS.negatives, PARAMS.finetuning)
-    assert PARAMS.insert_config(name, options={**options, "k": 1}).options == {**options, "k": 1}
+    assert config.margin == VALUES["convergence"]["margin"]
+    assert config.negatives.model_dump() == VALUES["negatives"]
+    assert config.optimizer.model_dump() == VALUES["finetuning"]
+    assert insert_config(PARAMS, name, {**options, "k": 1}).options == {**options, "k": 1}
     with pytest.raises(InputError, match=rf"^params\.yaml: initializers\.{name}\.k: "):
-        PARAMS.insert_config(name, options={**options, "k": 0})
+        insert_config(PARAMS, name, {**options, "k": 0})

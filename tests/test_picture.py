@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from isi.analyses import demonstration
 
+from stages import demonstrate as demonstration
 from stages.demonstrate import ANSWERS, COMPUTED, DRAWS, draws, median_draw, registered
 from stages.projection import Projection, ticks
 from stages.report.explorer import TEMPLATES

@@ -14,14 +14,16 @@ import pytest
 import torch
 import yaml
 
+from isi.config import check
 from isi.errors import InputError
 from isi.evaluation.changes import change_rows
 from isi.tables import paths
 from isi.training.fit import TrainConfig
 from stages.breakdown import break_down
+from stages.check_params import Params, load_beyond
 from stages.check_params import load as load_params
-from stages.check_params import load_beyond
 from stages.insert import InsertConfig, insert_stack, joint_targets, with_vectors
+from stages.params import StageParams
 from stages.train_joint import evaluate_stack
 from stages.vary import (
     LEARNED,
@@ -30,7 +32,6 @@ from stages.vary import (
     Models,
     Variant,
     VariantTask,
-    changed,
     limit_insert_triples,
     run_variant,
     train_models,
@@ -88,22 +89,16 @@ def test_insert_triples_are_drawn_anew_for_each_entity_and_root() -> None:
 
 
 def test_values_change_at_dotted_keys_and_nothing_else_does() -> None:
-    before = load_params()
-    after = changed(
-        before, {"training.max_epochs": 9, "words.text": "phrase", "initializers.es.k": 3}
+    before = StageParams.load()
+    after = before.changed(
+        {"training.max_epochs": 9, "words.text": "phrase", "initializers.es.k": 3}
     )
-    assert (after.training.max_epochs, after.words.text, after.initializers["es"]) == (
-        9,
-        "phrase",
-        {"k": 3},
-    )
-    assert before == load_params()  # to its depths
-    assert (
-        changed(
-            after, {"training.max_epochs": 200, "words.text": "definition", "initializers.es.k": 8}
-        )
-        == before
-    )
+    assert after.read("training.max_epochs", int) == 9
+    assert after.read("words.text", str) == "phrase"
+    assert after.read("initializers.es", dict[str, int]) == {"k": 3}
+    assert before == StageParams.load()  # to its depths
+    back = {"training.max_epochs": 200, "words.text": "definition", "initializers.es.k": 8}
+    assert after.changed(back) == before
 
 
 @pytest.mark.parametrize(
@@ -119,8 +114,9 @@ def test_values_change_at_dotted_keys_and_nothing_else_does() -> None:
     ],
 )
 def test_a_change_of_what_may_not_be_changed_is_refused_by_its_key(dotted: str) -> None:
+    changes = {"words.text": "phrase", dotted: 1}
     with pytest.raises(InputError) as refused:
-        changed(load_params(), {"words.text": "phrase", dotted: 1})
+        check(StageParams.load().changed(changes).values, Params, "")
     assert dotted.split(".")[0] in str(refused.value)
 
 

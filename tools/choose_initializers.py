@@ -28,9 +28,10 @@ from stages.check_params import Params, load
 from stages.grid import GridPoints
 from stages.insert import init_context, with_vectors
 from stages.make_sessions import sample_insert_triples
+from stages.params import StageParams
 from stages.runner import run
 from stages.store import Store
-from stages.train_theta0 import train_stack
+from stages.train_theta0 import train_config, train_stack
 from tools.choose_models import combinations
 from tools.docs import BENCHMARKS, write_table
 from tools.figures import STYLE, rendered
@@ -125,7 +126,7 @@ def tasks_of(
     params: Params, experiment: str, settings: list[Setting]
 ) -> list[tuple[GridPoints, Embedding, np.ndarray, int, list[Setting]]]:
     """Arguments of ``measured`` for hidden entities at grid points; trains the embeddings."""
-    store, config = Store(experiment), params.train_config()
+    store, config = Store(experiment), train_config(StageParams.load())
     fraction = params.sessions.insert_fraction
     hidden = [
         hide(points, HIDDEN, 0, params.seed, fraction) for points in store.grid(STACK, SIZE, SEEDS)

@@ -8,17 +8,17 @@ averaged over seeds. No test triple is used. Writes the table of the documentati
 import argparse
 from collections.abc import Mapping, Sequence
 from itertools import product
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from isi.models.model import make_model
 from isi.training.fit import TrainConfig
-from stages.check_params import load
 from stages.grid import GridPoints
-from stages.runner import run
+from stages.params import StageParams
+from stages.runner import Compute, run
 from stages.store import Store
-from stages.train_theta0 import train_stack
+from stages.train_theta0 import train_config, train_stack
 from tools.docs import write_table
 
 SEEDS = 2
@@ -39,20 +39,24 @@ def main() -> None:
     parser.add_argument("--models", nargs="+", help="default: all")
     parser.add_argument("--batches", type=int, nargs="+", help="batch sizes (that of params)")
     given = parser.parse_args()
-    params = load()
-    experiment = next(iter(params.experiments))
+    params = StageParams.load()
+    models = params.read("models", dict[str, dict[str, Any]])
+    experiment = next(iter(params.read("experiments", dict[str, Any])))
     joint = Store(experiment).grid(SEEDS, seeds=SEEDS)[0].all_known
     of_training = OF_TRAINING | ({"batch_size": given.batches} if given.batches else {})
     rows, tasks = [], []
-    for name in given.models or params.models:
-        options = params.models[name]
+    for name in given.models or models:
+        options = models[name]
         of_model = {key: values for key, values in OF_MODEL.items() if key in options}
         for rates, chosen in product(combinations(of_training), combinations(of_model)):
-            model = make_model(name, options | chosen, f"models.{name}")
-            training = params.training.model_copy(update=rates)
+            changes = {f"training.{key}": value for key, value in rates.items()}
+            changes |= {f"models.{name}.{key}": value for key, value in chosen.items()}
+            changed = params.changed({"embedding.model": name, **changes})
             rows.append({"model": name, **rates, **chosen})
-            tasks.append((joint, params.train_config(model, training)))
-    measured = 100 * np.mean(run(best_valid, tasks, params.compute, "models"), axis=1)
+            tasks.append((joint, train_config(changed)))
+    measured = 100 * np.mean(
+        run(best_valid, tasks, params.read("compute", Compute), "models"), axis=1
+    )
     table = pd.DataFrame(rows).assign(**{"validation MRR*": measured.round(2)})
     ordered = table.sort_values(["model", "validation MRR*"], ascending=[True, False])
     write_table("models", ordered.astype(object).fillna("–"))
