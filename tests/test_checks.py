@@ -136,7 +136,6 @@ def test_a_fault_of_an_initializer_is_named_by_its_check(
         ({"role": "mine"}, ["role", "'own'"]),
         ({"needs": ("word",)}, ["needs", "did you mean 'words'"]),
         ({"need": ("words",)}, ["need", "nexpected"]),
-        ({"colour": "red"}, ["colour", "'red'"]),
         ({"defaults": [1]}, ["defaults", "[1]"]),
     ],
 )

@@ -18,8 +18,9 @@ API = Path(__file__).parent.parent / "docs/api.md"
 NO_EXAMPLE = {
     "isi.benchmark.evaluation.Evaluation",
     "isi.errors.InputError",
-    "isi.initializers.api.InitContext",
     "isi.initializers.api.InitResult",
+    "isi.initializers.context.InitContext",
+    "isi.initializers.context.NewRows",
     "isi.insertion.api.insert",
     "isi.insertion.interference.Interference",
     "isi.insertion.request.InsertRequest",

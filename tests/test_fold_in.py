@@ -10,7 +10,7 @@ from torch import Tensor
 import isi
 from isi.initializers import fold_in as module
 from isi.initializers.api import INITIALIZERS
-from isi.initializers.context import InitContext
+from isi.initializers.context import InitContext, NewRows
 from isi.initializers.inverses import InverseRelations, pack, unpack_first
 from isi.initializers.scale import Scale
 from isi.insertion.engine import Method
@@ -75,8 +75,9 @@ def test_new_relations_are_trained_too(packed: bool) -> None:
     relations = 2 * RELATIONS if packed else RELATIONS
     theta = random_embedding(1, ENTITIES, relations, DIMENSION, model=ComplEx())
     theta = pack(theta) if packed else theta
-    context = replace(of_loss("softmax"), theta0=theta, new_relations=1)
-    context = replace(context, start=theta.entity[:, [0, 5, 9, 11]].clone())
+    context = replace(of_loss("softmax"), theta0=theta)
+    start = theta.entity[:, [0, 5, 9, 11]].clone()
+    context = replace(context, training=NewRows(start=start, relations=1))
     form = unpack_first(INITIALIZERS.get("fold_in"), theta.model)
     result = form.initialize(context, {**form.defaults, **FREE})
     assert isinstance(theta.model, InverseRelations) == packed
@@ -108,13 +109,15 @@ def test_hidden_entities_get_the_vectors_of_an_insertion_into_the_table_without_
         triples=trained,
     )
     start = module.start_of(context, "soft_rs").vectors
-    pair = [fold(replace(each, start=start), share=1.0, epochs=3) for each in (context, moved)]
-    assert torch.equal(*pair)
+    training = NewRows(start=start)
+    here = fold(replace(context, training=training), share=1.0, epochs=3)
+    there = fold(replace(moved, training=training), share=1.0, epochs=3)
+    assert torch.equal(here, there)
 
 
 def test_a_stack_of_the_grid_is_inserted_the_same_up_to_rounding_by_any_number_of_threads() -> None:
     context, before, vectors = stack_of_two(), torch.get_num_threads(), []
-    assert context.start is None
+    assert context.training == NewRows()
     try:
         for threads in (1, 1, 2):
             torch.set_num_threads(threads)

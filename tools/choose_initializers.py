@@ -29,6 +29,7 @@ from stages.grid import GridPoints
 from stages.insert import init_context, with_vectors
 from stages.make_sessions import sample_insert_triples
 from stages.params import StageParams
+from stages.report.charts import style_of
 from stages.runner import run
 from stages.store import Store
 from stages.train_theta0 import train_config, train_stack
@@ -215,8 +216,9 @@ def frontier(table: pd.DataFrame) -> Figure:
         axes = canvas.subplots()
         for name, rows in shown.groupby("initializer", sort=False):
             registered = INITIALIZERS.get(str(name), str(name))
-            style = {"color": registered.colour, "label": registered.label}
-            axes.scatter(rows[loss], rows[gain], s=14, **style)
+            style = style_of(registered.label)
+            look = {"color": style["color"], "marker": style["marker"], "label": registered.label}
+            axes.scatter(rows[loss], rows[gain], s=14, **look)
         axes.axvline(TOLERANCE, color="#999999", linewidth=0.8, linestyle="--")
         axes.set(xlabel=f"{loss} triples, MRR* points", ylabel="MRR* about hidden entities")
         axes.set(xlim=(-0.1, 3), ylim=(50, None))

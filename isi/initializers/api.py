@@ -5,10 +5,10 @@ and their registry.
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import torch
-from pydantic import ConfigDict, Field
+from pydantic import ConfigDict
 from pydantic.dataclasses import dataclass as checked_dataclass
 from torch import Tensor
 
@@ -74,8 +74,6 @@ class Registered:
     function: Initializer
     label: str  #: title in tables and figures
     role: Role = "own"
-    #: of its curves, ``#rrggbb``; None: the report chooses one
-    colour: Annotated[str, Field(pattern=r"^#[0-9a-fA-F]{6}$")] | None = None
     #: one sentence; by default the first paragraph of the function's docstring
     description: str = ""
     #: options that a caller of ``isi.insert`` may omit

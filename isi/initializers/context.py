@@ -16,6 +16,20 @@ from isi.random import stream
 
 
 @dataclass(frozen=True)
+class NewRows:
+    """What an initializer needs that trains all new rows of a call together, such as fold-in."""
+
+    #: vectors from which training starts; shape: (M, n, d); None: the initializer computes them
+    start: Tensor | None = None
+    #: number of the last relations, whose rows are new and are trained, too
+    relations: int = 0
+    #: triples of new relations between known entities; ids, (B, 3); None: none
+    triples: Tensor | None = field(default=None, metadata={"shared": True})
+    #: whether facts ask for tails alone, since each stands there with its inverse relation, too
+    tails_only: bool = False
+
+
+@dataclass(frozen=True)
 class InitContext:
     """Input of an initializer, for M models and n novel entities each;
     it has no validation or test triple.
@@ -53,12 +67,7 @@ class InitContext:
     start: Tensor | None = None
     #: how far each insert triple is believed, from 0 to 1; (M, n, I), float64; None: fully
     confidence: Tensor | None = None
-    #: whether queries ask for tails alone, as with inverse relations
-    tails_only: bool = False
-    #: number of the last relations whose rows are new, and may move with the vectors
-    new_relations: int = 0
-    #: triples of new relations between known entities; ids, (B, 3)
-    further: Tensor | None = field(default=None, metadata={"shared": True})
+    training: NewRows = NewRows()
 
     @property
     def weight(self) -> Tensor:

@@ -4,7 +4,7 @@ insert triples, their negatives, known triples with the novel entity.
 Training uses a row in three ways, and so does the objective of MAP (docs/method.md): as an end of
 its own triples; in corrupted copies of them; and as the wrong end of everybody else's triples. Each
 is a list of weighted triples of the novel and a known entity. Of more than ``SAMPLE`` triples a
-systematic sample is taken (its error: docs/speed.md).
+systematic sample is taken (its error: docs/checks.md).
 """
 
 from dataclasses import dataclass

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from isi.config import Count, NotNegative, Positive
 from isi.graph.graph import HEAD, TAIL
-from isi.initializers.api import INITIALIZERS, InitResult, initializer
+from isi.initializers.api import INITIALIZERS, InitResult, initializer, without_weights
 from isi.initializers.context import InitContext
 from isi.models.losses import Loss
 from isi.random import stream
@@ -35,7 +35,6 @@ Start = Literal["soft_rs", "er_avg", "soft_hybrid", "mean"]
     "fold_in",
     label="Fold-in",
     role="baseline",
-    colour="#1b7837",
     cost="trained",
     needs=("insert_triples",),
     defaults={"start": "soft_rs", "share": 0.35, "epochs": 10, "rate": 0.25, "pull": 1.0},
@@ -72,9 +71,8 @@ def fold_in(
 
 def start_of(context: InitContext, start: str) -> InitResult:
     """The result from whose vectors training starts."""
-    if context.start is not None:
-        fallback = torch.zeros(context.novel.shape, dtype=torch.int64)
-        return InitResult(context.start, fallback)
+    if context.training.start is not None:
+        return without_weights(context.training.start)
     chosen = INITIALIZERS.get(start if context.theta0.model.invertible else "mean")
     return chosen.initialize(context, chosen.defaults)
 
@@ -101,7 +99,7 @@ def _trained(
 ) -> tuple[Tensor, Tensor]:
     """Vectors of the new entities of a model, (n, d), and the rows of new relations, (q, w)."""
     rows, relation = _rows(context, model, start), context.theta0.relation[model]
-    known = len(relation) - context.new_relations
+    known = len(relation) - context.training.relations
     tables = Tables(
         rows.fixed,
         start.clone().requires_grad_(),
@@ -112,7 +110,7 @@ def _trained(
         held = pull * HELD[context.scale.training.name] / rows.facts.weight.sum().item()
         penalty = _pull(start, held / rows.unit**2) if pull else None
         earlier = Earlier(rows.earlier, share) if share else None
-        task = Task(rows.facts, earlier, penalty, context.tails_only)
+        task = Task(rows.facts, earlier, penalty, context.training.tails_only)
         recipe = _recipe(context, len(rows.facts.triples), rate * rows.unit)
         rng = stream(context.root, "fold-in", *context.keys[model].tolist())
         fit(context.theta0.model, tables, task, recipe, epochs, rng)
@@ -164,9 +162,10 @@ def _rows(context: InitContext, model: int, start: Tensor) -> _Rows:
     ends = torch.where(is_tail, other, novel), torch.where(is_tail, novel, other)
     triples = torch.stack([ends[0], context.relation[model], ends[1]], -1)[listed]
     weight = context.weight[model][listed].float()
-    if context.further is not None:
-        triples = torch.cat([triples, context.further])
-        weight = torch.cat([weight, torch.ones(len(context.further))])
+    of_new_relations = context.training.triples
+    if of_new_relations is not None:
+        triples = torch.cat([triples, of_new_relations])
+        weight = torch.cat([weight, torch.ones(len(of_new_relations))])
     has_facts = torch.zeros(number + len(start), dtype=torch.bool)
     has_facts[triples[:, [HEAD, TAIL]].flatten()] = True
     earlier = context.triples[context.trained[model]]

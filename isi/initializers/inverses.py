@@ -12,7 +12,7 @@ from torch import Tensor
 
 from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.initializers.api import InitResult, Registered
-from isi.initializers.context import InitContext
+from isi.initializers.context import InitContext, NewRows
 from isi.models.model import Model
 from isi.models.stack import Embedding
 
@@ -105,6 +105,9 @@ def unpack_first(initializer: Registered, model: Model) -> Registered:
         return initializer
 
     def initialize(packed: InitContext, **options: object) -> InitResult:
+        confidence = packed.confidence
+        if confidence is not None:
+            confidence = torch.cat([confidence, confidence], -1)
         context = replace(
             packed,
             theta0=unpack(packed.theta0),
@@ -114,12 +117,8 @@ def unpack_first(initializer: Registered, model: Model) -> Registered:
             observed=torch.cat([packed.observed, packed.observed], -1),
             triples=both_ways(packed.triples),
             trained=torch.cat([packed.trained, packed.trained], -1),
-            confidence=None
-            if packed.confidence is None
-            else torch.cat([packed.confidence] * 2, -1),
-            tails_only=True,
-            new_relations=2 * packed.new_relations,
-            further=None if packed.further is None else both_ways(packed.further),
+            confidence=confidence,
+            training=_unpacked(packed.training),
         )
         result: InitResult = initializer.function(context, **options)
         if result.relations is None:
@@ -129,3 +128,14 @@ def unpack_first(initializer: Registered, model: Model) -> Registered:
         return replace(result, relations=rows)
 
     return replace(initializer, function=initialize)
+
+
+def _unpacked(training: NewRows) -> NewRows:
+    """What training needs, for the unpacked form."""
+    triples = training.triples
+    return replace(
+        training,
+        relations=2 * training.relations,
+        triples=None if triples is None else both_ways(triples),
+        tails_only=True,
+    )

@@ -143,7 +143,6 @@ _SETTINGS = [
     "map",
     label="MAP",
     role="baseline",
-    colour="#b2182b",
     cost="newton",
     needs=("insert_triples",),
     defaults={
@@ -202,7 +201,6 @@ _PRIORS = {
     "map_own_facts",
     label="MAP, own facts",
     role="baseline",
-    colour="#d6604d",
     cost="newton",
     needs=("words", "insert_triples", "inverse"),
     defaults={"word_weight": 16.0, "relation_weight": 16.0, "strength": 0.2, "ratio": 1},

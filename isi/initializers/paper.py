@@ -13,7 +13,7 @@ from isi.initializers.context import InitContext
 from isi.random import stream
 
 
-@initializer("xavier", label="Xavier", role="paper", colour="#999999")
+@initializer("xavier", label="Xavier", role="paper")
 def xavier(context: InitContext) -> InitResult:
     """Xavier: random vectors around zero, U(-6/√d, 6/√d), of length 3.5 for any d (section 5.3).
 
@@ -24,7 +24,7 @@ def xavier(context: InitContext) -> InitResult:
     return without_weights(context.draw("xavier", Generator.random) * 2 * bound - bound)
 
 
-@initializer("iu", label="IU", role="paper", colour="#e69f00")
+@initializer("iu", label="IU", role="paper")
 def informed_uniform(context: InitContext) -> InitResult:
     """IU, informed uniform: uniform in each coordinate's range over known vectors,
     longer than most (equation 10).
@@ -39,7 +39,6 @@ def informed_uniform(context: InitContext) -> InitResult:
     "es",
     label="ES",
     role="isi",
-    colour="#0072b2",
     needs=("words",),
     defaults={"k": 8},
     grid={"k": [1, 2, 3, 4, 6, 8, 12, 18, 30]},
@@ -55,7 +54,6 @@ def entity_similarity(context: InitContext, k: Count) -> InitResult:
     "rs",
     label="RS",
     role="isi",
-    colour="#009e73",
     needs=("insert_triples", "inverse"),
     defaults={"k": 18},
     grid={"k": [1, 2, 4, 8, 12, 18, 30]},
@@ -71,7 +69,6 @@ def relational_similarity(context: InitContext, k: Count) -> InitResult:
     "ers",
     label="ERS",
     role="isi",
-    colour="#d55e00",
     needs=("words", "insert_triples", "inverse"),
     defaults={"k": 9, "candidates": 30},
     grid={"k": [1, 2, 3, 5, 9, 15], "candidates": [15, 30, 60]},
@@ -90,7 +87,7 @@ def hybrid_similarity(context: InitContext, k: Count, candidates: Count) -> Init
     )
 
 
-@initializer("mean", label="Mean", role="control", colour="#a08a5b", grid={})
+@initializer("mean", label="Mean", role="control", grid={})
 def mean(context: InitContext) -> InitResult:
     """Mean: the centroid of all known entities,
     without a choice of indicators (equation 1; a control).
@@ -100,7 +97,7 @@ def mean(context: InitContext) -> InitResult:
     )
 
 
-@initializer("kind_mean", label="Kind mean", role="control", colour="#6f8f5b", grid={})
+@initializer("kind_mean", label="Kind mean", role="control", grid={})
 def kind_mean(context: InitContext) -> InitResult:
     """Kind mean: the centroid of the known entities of the same kind
     (a control: the kind is its only data).
@@ -108,7 +105,7 @@ def kind_mean(context: InitContext) -> InitResult:
     return similarity.centroid_of_first(context, nothing=lambda: similarity.same_kind(context))
 
 
-@initializer("gaussian", label="Gaussian", role="control", colour="#a58fbf")
+@initializer("gaussian", label="Gaussian", role="control")
 def gaussian(context: InitContext) -> InitResult:
     """Gaussian: random vectors with the centre and the spread of the known ones,
     without meaning (a control).
@@ -131,7 +128,6 @@ def known_moments(context: InitContext) -> tuple[Tensor, Tensor]:
     "es_permuted",
     label="Permuted ES",
     role="control",
-    colour="#8db4cf",
     cost="pairs",
     needs=("words",),
     defaults={"k": 8},

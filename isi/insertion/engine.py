@@ -18,7 +18,12 @@ from torch import Tensor
 
 from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.initializers.api import INITIALIZERS, InitResult, Registered
-from isi.initializers.context import InitContext, context_in_session, trained_session
+from isi.initializers.context import (
+    InitContext,
+    NewRows,
+    context_in_session,
+    trained_session,
+)
 from isi.initializers.inverses import unpack_first
 from isi.initializers.scale import LOGISTIC, Scale
 from isi.insertion.relations import fit_relations
@@ -128,13 +133,13 @@ def train_together(novel: NovelEntities, method: Method, start: InitResult) -> I
     is_novel = (novel.triples[:, [HEAD, TAIL]] >= novel.known).any(1)
     triples, ids = novel.triples[proper & is_novel], torch.from_numpy(novel.ids)
     confidence = None if novel.confidence is None else novel.confidence[proper & is_novel]
-    context = replace(
-        context_for(novel, ids, triples, True, confidence),
+    training = NewRows(
         start=start.vectors,
-        new_relations=novel.theta.relation.shape[1] - novel.known_relations,
-        further=torch.from_numpy(novel.triples[proper & ~is_novel]),
+        relations=novel.theta.relation.shape[1] - novel.known_relations,
+        triples=torch.from_numpy(novel.triples[proper & ~is_novel]),
     )
-    trained = method.initialize(context)
+    context = context_for(novel, ids, triples, confidence=confidence)
+    trained = method.initialize(replace(context, training=training))
     novel.theta.entity[0, novel.known :] = trained.vectors[0]
     if trained.relations is not None:
         novel.theta.relation[0, novel.known_relations :] = trained.relations[0]
