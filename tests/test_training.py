@@ -22,7 +22,6 @@ from isi.training.trainer import (
     Training,
     adagrad,
     loss_gradient,
-    run_batches,
     run_epoch,
     start,
     train,
@@ -282,7 +281,7 @@ def test_updates_by_one_observation_decay_by_the_dimension_and_on_touched_rows_a
     embedding = random_embedding(1, 13, 3, 12, model=model)
     settings = Optimizer(batch_size=1, learning_rate=1e-2, weight_decay=12e6, max_epochs=1)
     state = start(embedding)
-    run_batches(state, data, SAMPLED, settings, 0, 1)
+    run_epoch(state, data, SAMPLED, settings, 0, 1, compiled=False)
     (batch,) = [batch for batch, _ in batches(data, SAMPLED, 1, 0, 1)]
     for table, squares, old, touched in zip(
         tables(state.embedding),

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 
 from torch import Tensor
 
-from isi.evaluation.query_sets import times_observed
+from isi.evaluation.query_sets import times_observed, triples_of_groups, with_weighted
 from isi.evaluation.ranking import Queries, make_queries, padded_ids
 from isi.evaluation.scopes import GROUPS
-from isi.graph.sessions import TEST, TRAIN, VALID, Session, membership, touches
+from isi.graph.sessions import TEST, TRAIN, VALID, Session
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -55,11 +55,11 @@ CHANGES = {
 
 def changed_query_sets(session: Session, novel: Tensor, inserted: Tensor) -> dict[str, Queries]:
     """Query sets of ``CHANGES`` besides those of scopes; arguments: those of ``query_sets``."""
-    new = touches(session.graph, membership(novel, session.entities.shape[1]))
+    known, new = triples_of_groups(session, novel)
     true, learned = session.members(TRAIN, VALID, TEST), session.members(TRAIN, VALID) & ~new
     triples, everyone = padded_ids(true), session.entities
     times = times_observed(session) * ~inserted
-    queried = {"known": session.members(TEST) & ~new, "novel": times * new}
+    queried = {"known": known, "novel": times * new}
     sets = {ALL: make_queries(session, triples, times * true, true, true, everyone)}
     for group, asked in queried.items():
         of_group = session, triples, asked
@@ -85,13 +85,5 @@ def change_rows(measured: pd.DataFrame) -> pd.DataFrame:
 
 
 def with_weighted_changes(rows: pd.DataFrame, shares: Mapping[int, float]) -> pd.DataFrame:
-    """``change_rows`` with rows of scope ``weighted``, as ``with_weighted`` of runs."""
-    import pandas as pd
-
-    keys = [name for name in rows if name not in ("scope", "value")]
-    known, novel = (rows[rows["scope"] == group].set_index(keys)["value"] for group in GROUPS)
-    share = known.index.get_level_values("size").map(shares).to_numpy()
-    values = share * known + (1 - share) * novel.reindex(known.index)
-    weighted = values.rename("value").reset_index().assign(scope="weighted")
-    joined: pd.DataFrame = pd.concat([rows, weighted[list(rows)]], ignore_index=True)
-    return joined
+    """``change_rows`` with rows of scope ``weighted``."""
+    return with_weighted(rows, shares, ["value"])

@@ -40,24 +40,31 @@ def query_sets(session: Session, novel: Tensor, inserted: Tensor) -> dict[str, Q
         novel: ids of the novel entities, (M, n).
         inserted: mask of the insert triples, (M, T), which no query asks for.
     """
-    is_novel = membership(novel, session.entities.shape[1])
-    new, everyone = touches(session.graph, is_novel), session.entities
-    test, true = session.members(TEST), session.members(TRAIN, VALID, TEST)
-    triples = padded_ids((test & ~new) | (true & new))
-    learned = session.members(TRAIN, VALID)
+    known, new = triples_of_groups(session, novel)
+    everyone, true = session.entities, session.members(TRAIN, VALID, TEST)
+    triples = padded_ids(known | new)
+    train, learned = session.members(TRAIN), session.members(TRAIN, VALID)
     learned_before = learned & ~new
-    asked = test & ~inserted
+    asked = session.members(TEST) & ~inserted
     asked_of_novel = session.members(VALID, TEST) & new & ~inserted
-    known = session, triples, test & ~new, learned_before, true
-    of_novel = times_observed(session) * (new & ~inserted)
-    train = session.members(TRAIN)
+    of_known = session, triples, known, learned_before, true
+    times = times_observed(session) * (new & ~inserted)
+    closed = everyone & ~membership(novel, everyone.shape[1])
     return {
-        "known": make_queries(*known, everyone),
-        "novel": make_queries(session, triples, of_novel, learned_before, true, everyone),
+        "known": make_queries(*of_known, everyone),
+        "novel": make_queries(session, triples, times, learned_before, true, everyone),
         "held_out": make_queries(session, triples, asked, learned, true, everyone),
         "novel_held_out": make_queries(session, triples, asked_of_novel, train, true, everyone),
-        "known_closed": make_queries(*known, everyone & ~is_novel),
+        "known_closed": make_queries(*of_known, closed),
     }
+
+
+def triples_of_groups(session: Session, novel: Tensor) -> tuple[Tensor, Tensor]:
+    """The unique triples of the groups of D¹: test triples between known entities, and every triple
+    with a novel entity; two masks, (M, T). ``novel``: ids, (M, n).
+    """
+    new = touches(session.graph, membership(novel, session.entities.shape[1]))
+    return session.members(TEST) & ~new, session.members(TRAIN, VALID, TEST) & new
 
 
 def times_observed(session: Session) -> Tensor:
@@ -68,23 +75,25 @@ def times_observed(session: Session) -> Tensor:
     return torch.where(session.splits == TRAIN, session.graph.counts, once)
 
 
-def with_weighted(runs: pd.DataFrame, shares: Mapping[int, float]) -> pd.DataFrame:
-    """Runs with rows of scope ``weighted``: w · known + (1 - w) · novel, with w by size.
+def with_weighted(
+    rows: pd.DataFrame, shares: Mapping[int, float], measures: Sequence[str] = MEASURES
+) -> pd.DataFrame:
+    """Rows with those of scope ``weighted``: w · known + (1 - w) · novel, with w by size.
 
-    A row has no queries and no value where one of the groups has none.
+    A row has no queries, if they are counted, and no value where one of the groups has none.
     """
     import pandas as pd
 
-    measured = [*MEASURES, "queries"]
-    keys = [name for name in runs if name not in (*measured, "scope")]
-    known, novel = (runs[runs["scope"] == group].set_index(keys)[measured] for group in GROUPS)
+    keys = [name for name in rows if name not in (*measures, "queries", "scope")]
+    known, novel = (rows[rows["scope"] == group].set_index(keys) for group in GROUPS)
     novel = novel.reindex(known.index)
     share = known.index.get_level_values("size").map(shares).to_numpy()[:, None]
-    values = share * known[list(MEASURES)] + (1 - share) * novel[list(MEASURES)]
-    both = (known["queries"] > 0) & (novel["queries"] > 0)
-    values["queries"] = (known["queries"] + novel["queries"]).where(both, 0)
-    rows: pd.DataFrame = values.assign(scope="weighted").reset_index()
-    joined: pd.DataFrame = pd.concat([runs, rows[list(runs)]], ignore_index=True)
+    weighted = share * known[list(measures)] + (1 - share) * novel[list(measures)]
+    if "queries" in rows:
+        both = (known["queries"] > 0) & (novel["queries"] > 0)
+        weighted["queries"] = (known["queries"] + novel["queries"]).where(both, 0)
+    weighted = weighted.assign(scope="weighted").reset_index()
+    joined: pd.DataFrame = pd.concat([rows, weighted[list(rows)]], ignore_index=True)
     return joined
 
 

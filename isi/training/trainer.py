@@ -130,35 +130,23 @@ def run_epoch(
     settings: Optimizer,
     root: int,
     epoch: int,
+    compiled: bool = True,
 ) -> None:
-    """One pass over all observations of each embedding, in place."""
-    compiled = is_compiled(state.embedding.model, settings.batch_size) and is_sampled(
-        negatives, data.session.graph
-    )
-    if compiled and state.embedding.entity.is_cpu:
-        from isi.training.compiled import run_compiled_epoch
-
-        rates = settings.learning_rate, settings.weight_decay / state.embedding.entity.shape[-1]
-        run_compiled_epoch(
-            state.embedding, state.squares, data, negatives.ratio, *rates, root, epoch
-        )
-    else:
-        run_batches(state, data, negatives, settings, root, epoch)
-
-
-def run_batches(
-    state: State,
-    data: TrainingData,
-    negatives: Negatives,
-    settings: Optimizer,
-    root: int,
-    epoch: int,
-) -> None:
-    """``run_epoch`` without compiled code."""
+    """One pass over all observations of each embedding, in place; if ``compiled``, by compiled code
+    where that fits.
+    """
     single = is_single(negatives, data.session.graph, settings)
     if single:
         decay = settings.weight_decay / state.embedding.entity.shape[-1]
         settings = settings.model_copy(update={"weight_decay": decay})
+    fits = is_compiled(state.embedding.model, settings.batch_size) and state.embedding.entity.is_cpu
+    if compiled and single and fits:
+        from isi.training.compiled import run_compiled_epoch
+
+        rates = settings.learning_rate, settings.weight_decay
+        tables = state.embedding, state.squares
+        run_compiled_epoch(*tables, data, negatives.ratio, *rates, root, epoch)
+        return
     for batch, positives in batches(data, negatives, settings.batch_size, root, epoch):
         trained_rows = batch.touched() if single else None
         gradient = loss_gradient(state.embedding, batch)
