@@ -16,10 +16,10 @@ from torch import Tensor
 
 from isi.config import Count, EachOnce, Names, Section, Seed, Study
 from isi.evaluation.changes import changed_query_sets
-from isi.evaluation.query_sets import query_sets
+from isi.evaluation.query_sets import query_sets, triples_of_groups
 from isi.evaluation.ranking import Queries
 from isi.graph.graph import Graph
-from isi.graph.sessions import OUT, TEST, Session, membership, session_at, touches
+from isi.graph.sessions import Session, session_at
 
 NO_INSERTION = 0  #: Size of grid points without insertion, in keys of random streams and in logs.
 JOINT_MODEL = "joint"  #: Name of the joint model in tables and paths, in place of an initializer's.
@@ -120,8 +120,7 @@ def known_shares(grid: Iterable[GridPoints]) -> dict[int, float]:
     """
     known, novel = dict[int, int](), dict[int, int]()
     for points in grid:
-        splits = torch.as_tensor(points.splits)
-        new = touches(points.graph, membership(points.novel_ids, len(points.graph.entities)))
-        known[points.size] = known.get(points.size, 0) + int(((splits == TEST) & ~new).sum())
-        novel[points.size] = novel.get(points.size, 0) + int(((splits != OUT) & new).sum())
+        of_known, of_novel = triples_of_groups(points.session(1), points.novel_ids)
+        known[points.size] = known.get(points.size, 0) + int(of_known.sum())
+        novel[points.size] = novel.get(points.size, 0) + int(of_novel.sum())
     return {size: known[size] / (known[size] + novel[size]) for size in known}
