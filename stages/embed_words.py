@@ -44,8 +44,8 @@ class Words(Section):
 
 @stage
 def embed_words(context: StageContext, experiment: str) -> None:
-    entities = ENTITIES.read(experiment=experiment)
     settings: Words = context.params.read("words", Words)
+    entities = ENTITIES.read(experiment=experiment)
     with at(paths.PARAMS, "words"):
         words = look_up(load_vectors(settings), list(entities["phrase"]))
     served_by = pd.Series(words.served_by)

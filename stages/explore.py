@@ -67,11 +67,12 @@ def explore(context: StageContext, graph: str) -> None:
     key, params = f"graphs.{graph}", context.params
     settings: GraphExperiment = context.beyond.read(key, GraphExperiment)
     shares: Shares = params.read("sessions", Shares)
+    root = params.seed
     with at(paths.BEYOND_PARAMS, key):
-        tables = build_tables(mined(graph, settings, params.seed, f"{key}.source"))
+        tables = build_tables(mined(graph, settings, root, f"{key}.source"))
         if tables.triples.empty:
             raise InputError("", "source", "expected triples, got none")
-        store = store_of(graph, tables, settings, shares, params.seed, key)
+        store = store_of(graph, tables, settings, shares, root, key)
     variant = settings.variant(graph)
     config = variant_config(params.changed(variant.changes), variant)
     runs, answers = results(variant, [(store, config)], graph)

@@ -75,8 +75,8 @@ def insert(context: StageContext, experiment: str, initializer: str) -> None:
         params.read(f"experiments.{experiment}.initializers", InitializerList), initializer
     ):
         compute: Compute = params.read("compute", Compute)
-        grid = store.grid(stack_height(compute))
         config = config_of_experiment(params, experiment, initializer)
+        grid = store.grid(stack_height(compute))
         tasks = insert_tasks(store, model_of(params), grid, config)
         result = insert_over(tasks, compute, f"{experiment}, {initializer}")
     else:

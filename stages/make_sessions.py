@@ -70,12 +70,12 @@ class SessionsOf(Section):
 @stage
 def make_sessions(context: StageContext, experiment: str) -> None:
     params, key = context.params, f"experiments.{experiment}.sessions"
+    sessions: SessionsOf = params.read(key, SessionsOf)
+    shares: Shares = params.read("sessions", Shares)
     entities = ENTITIES.read(experiment=experiment)
     graph = build_graph(
         entities, TRIPLES.read(experiment=experiment), TRIPLES.path(experiment=experiment)
     )
-    sessions: SessionsOf = params.read(key, SessionsOf)
-    shares: Shares = params.read("sessions", Shares)
     drawn = session_tables(graph, entities, sessions, shares, params.seed, key)
     for table, rows in drawn.items():
         table.write(rows, context.stage, experiment=experiment)

@@ -24,9 +24,9 @@ MINED = Table(
 @stage
 def mine(context: StageContext, source: str) -> None:
     key = f"sources.{source}"
-    settings = context.params.read(key, dict[str, Any])
+    settings, root = context.params.read(key, dict[str, Any]), context.params.seed
     with at(paths.PARAMS, key):
-        mined = Source(settings, key, context.params.seed)
+        mined = Source(settings, key, root)
         rows = OBSERVATIONS.write_parts(
             OBSERVATIONS.path(source=source), mined.frames(), context.stage
         )

@@ -64,12 +64,21 @@ def lay_out(folder: Path, changes: dict[str, Any]) -> None:
     (folder / paths.RAW).symlink_to(ROOT / paths.RAW)
 
 
+def main_of(name: str) -> Callable[[], None]:
+    """What the command of a stage runs; the stage ``report`` is a package."""
+    module = import_module(f"stages.{name}")
+    if hasattr(module, "__path__"):
+        module = import_module(f"stages.{name}.__main__")
+    main: Callable[[], None] = getattr(module, name)
+    return main
+
+
 def run(command: str) -> None:
     """Run a stage in this process, in the current folder; ``command``: its name and arguments."""
     name, *arguments = command.split()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sys, "argv", [name, *arguments])
-        getattr(import_module(f"stages.{name}"), name)()
+        main_of(name)()
 
 
 def run_all(folder: Path) -> None:

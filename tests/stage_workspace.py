@@ -1,6 +1,5 @@
 """A folder in which a test runs stages in its own process, with the outputs of earlier stages."""
 
-import importlib
 import sys
 from collections.abc import Callable
 from contextlib import chdir
@@ -14,6 +13,7 @@ from isi.tables import paths
 from isi.tables.table import Table
 from stages.files import ENTITIES, OBSERVATIONS, TRIPLES
 from stages.files import KINDS as KIND_TABLE
+from tests.stage_run import main_of
 from tools.workspace import change
 
 ROOT = Path(__file__).parent.parent
@@ -89,12 +89,6 @@ def graph(workspace: Path, experiment: str) -> None:
     write(workspace, ENTITIES.path(experiment=experiment), KINDS.assign(source="ai2thor"), ENTITIES)
 
 
-def main_of(command: str) -> Callable[[], None]:
-    name = command.split()[0]
-    main: Callable[[], None] = getattr(importlib.import_module(f"stages.{name}"), name)
-    return main
-
-
 @pytest.fixture
 def says(
     workspace: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -108,7 +102,7 @@ def says(
         monkeypatch.setattr(sys, "argv", [f"stages.{command.split()[0]}", *command.split()[1:]])
         before = outputs(workspace)
         with pytest.raises(SystemExit) as ended:
-            main_of(command)()
+            main_of(command.split()[0])()
         line = ended.value.code
         assert outputs(workspace) == before
         assert capsys.readouterr() == ("", "")

@@ -9,10 +9,10 @@ import pytest
 from isi.errors import InputError
 from isi.evaluation.changes import change_rows
 from isi.tables.table import Table
-from stages.check_params import load
 from stages.files import KINDS, OBSERVATIONS
 from stages.insert import joint_targets
-from stages.store import RUNS, Store
+from stages.params import StageParams
+from stages.store import RUNS, Store, model_of
 from tests import stage_run
 from tests.broken_tables import CASES, TENSOR_CASES, Tensors
 from tests.example_tables import Change, change_table, change_tensors
@@ -30,12 +30,12 @@ def read_all() -> None:
     """Read the tables and tensors of the small run, as stages do."""
     for table in (OBSERVATIONS, KINDS):
         table.read(source=SOURCE)
-    store, params = Store(NAME), load()
+    store, model = Store(NAME), model_of(StageParams.load())
     runs = RUNS.read(experiment=NAME, model="joint")
     store.words()
     for points in store.grid(stack=100):
-        store.theta0(points, params.model_of())
-        store.joint(points, params.model_of())
+        store.theta0(points, model)
+        store.joint(points, model)
         store.initial_vectors("rs", points)
         joint_targets(change_rows(runs), points)
 

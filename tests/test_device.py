@@ -15,7 +15,7 @@ from isi.training import batches
 from stages import runner
 from stages.insert import insert_stack
 from stages.runner import Compute
-from stages.trace_trajectory import trace_trajectory
+from stages.trace_trajectory import trace
 from stages.train_joint import evaluate_stack
 from stages.train_theta0 import train_stack
 from tests import small_grid as grid
@@ -30,7 +30,7 @@ TASKS: dict[str, tuple[Callable[..., Any], tuple[Any, ...]]] = {
     },
     "measuring": (evaluate_stack, (POINTS, [TRAINED, TRAINED])),
     "tracing": (
-        trace_trajectory,
+        trace,
         (
             *grid.insert_tasks(1, "es", TRAINED)[0][:3],
             grid.insert_tasks(1, "es", TRAINED)[0][-1],

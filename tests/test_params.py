@@ -160,7 +160,6 @@ def test_conditions_of_an_experiment_replace_the_general_ones_key_by_key(tmp_pat
     assert of.training == params.training.model_copy(update=own)
     assert of.negatives == params.negatives.model_copy(update={"ratio": 2})
     assert of.finetuning == params.finetuning
-    assert of.train_config().training == of.training
     assert params.of("transfer") == params
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from stages import demonstrate as demonstration
-from stages.demonstrate import ANSWERS, COMPUTED, DRAWS, draws, median_draw, registered
+from stages.demonstrate import ANSWERS, COMPUTED, DRAWS, draws, median_draw
 from stages.projection import Projection, ticks
 from stages.report.explorer import TEMPLATES
 from tests.small_explorer import NAMES, Shown, scores, small
@@ -126,13 +126,6 @@ def test_the_payload_gives_the_insert_triples_of_the_run(shown: Shown) -> None:
 def test_the_script_computes_the_initializers_of_the_payload() -> None:
     text = (TEMPLATES / "explorer/initializers.js").read_text(encoding="utf-8")
     assert re.findall(r"^  (\w+): \(world, subject", text, re.MULTILINE) == [*COMPUTED]
-
-
-def test_all_registered_initializers_are_listed() -> None:
-    table = registered()
-    assert {*COMPUTED} < {*table["name"]}
-    assert list(table) == ["name", "label", "role", "description"]
-    assert table.notna().all().all()
 
 
 def test_a_turned_scaled_and_moved_joint_model_lies_on_theta0() -> None:

@@ -31,6 +31,7 @@ from stages.pipeline import missing
 from stages.store import INITIAL_VECTORS, MEASURE_CHANGES, RUNS, THETA0
 from stages.vary import VARIANT_RUNS
 from tests import stage_run
+from tests.stage_run import main_of
 from tests.stage_workspace import (
     KINDS,
     OBSERVED,
@@ -38,7 +39,6 @@ from tests.stage_workspace import (
     Says,
     graph,
     leave,
-    main_of,
     observed,
     outputs,
     says,
@@ -56,7 +56,7 @@ __all__ = ["says", "workspace"]  # fixtures
 @pytest.mark.parametrize(
     ("old", "new", "command", "names"),
     [
-        ("\nseed:", "\nsede:", "mine ai2thor", "sede: "),
+        ("\nseed:", "\nsede:", "mine ai2thor", "seed: "),
         ("reader: ai2thor", "reader: ai2tor", "mine ai2thor", "sources.ai2thor.reader"),
         # a file of that name
         ("source: shipped", f"source: {'ab' * 5000}", "embed_words ai2thor", ""),

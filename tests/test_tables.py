@@ -116,10 +116,8 @@ def test_without_parts_a_table_has_no_rows(tmp_path: Path) -> None:
 def test_metadata_names_the_stage_and_nothing_else(tmp_path: Path) -> None:
     io.write_tensors(tmp_path / "t.safetensors", {"entity": torch.zeros(1)}, MADE)
     with safe_open(tmp_path / "t.safetensors", framework="pt") as file:
-        assert file.metadata() == {"stages.stage": MADE}
-    assert pq.read_schema(novel(tmp_path / "t.parquet")).metadata == {
-        b"stages.stage": MADE.encode()
-    }
+        assert file.metadata() == {"isi.stage": MADE}
+    assert pq.read_schema(novel(tmp_path / "t.parquet")).metadata == {b"isi.stage": MADE.encode()}
 
 
 def test_equal_tensors_are_equal_bytes(tmp_path: Path) -> None:
