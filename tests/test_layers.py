@@ -1,4 +1,4 @@
-"""Imports between the modules of the package form no circle.
+"""Imports form no circle, and the library imports nothing of the study.
 
 All import statements count: at the top of a file, within a function, and for types alone.
 """
@@ -10,7 +10,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
 DOOR = ROOT / "isi/__init__.py"  #: Names its modules as text, and imports them on first use.
-FILES = sorted(set((ROOT / "isi").rglob("*.py")) - {DOOR})
+PACKAGES = ("isi", "stages")
+FILES = sorted({path for name in PACKAGES for path in (ROOT / name).rglob("*.py")} - {DOOR})
 
 
 def file_of(name: str) -> Path | None:
@@ -21,7 +22,7 @@ def file_of(name: str) -> Path | None:
 
 
 def imported_by(file: Path) -> Iterator[Path]:
-    """The files of the package that a file imports."""
+    """The files of both packages that a file imports."""
     for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
         found: list[Path | None] = []
         if isinstance(node, ast.Import):
@@ -38,3 +39,9 @@ IMPORTS = {file: set(imported_by(file)) for file in FILES}
 
 def test_no_imports_form_a_circle() -> None:
     TopologicalSorter(IMPORTS).prepare()  # its error names the circle
+
+
+def test_the_library_imports_nothing_of_the_study() -> None:
+    library = [file for file in FILES if file.is_relative_to(ROOT / "isi")]
+    of_study = [file for file in FILES if file.is_relative_to(ROOT / "stages")]
+    assert not [file for file in library if IMPORTS[file] & set(of_study)]
