@@ -220,11 +220,8 @@ def payload(
     points, theta0, model = explored.points, explored.theta0, explored.theta0.model
     assert isinstance(model, BlockModel)  # noqa: S101  # no other is read
     graph, known, vectors = points.graph, explored.known, explored.vectors
-    joint = explored.joint.entity[0].double().numpy()
     of_kinds, names = pd.factorize(kinds.astype(str), sort=True)
     projection = explored.projection
-    turned, fitted = procrustes(joint, vectors, known)
-    scale = max(float(np.abs(joint).max()), 1e-9) / STEPS
     upper = cosines(torch.as_tensor(explored.words))[np.triu_indices(len(known))]
     drawn = draws(explored)
     return {
@@ -249,11 +246,7 @@ def payload(
         "random": {
             str(entity): packed(median_draw(explored, entity, drawn)) for entity in explored.novel
         },
-        "joint": packed(np.round(joint / scale), "<i2"),
-        "jointScale": scale,
-        "jointMap": packed(model.maps(explored.joint.relation[0])),
-        "jointPlaces": projection.places(turned).round(3).tolist(),
-        "fitted": round(100 * fitted),
+        **joint_payload(explored, model),
         "projection": packed(np.stack([projection.centre, projection.axis])),
         "share": round(100 * projection.share),
         "initializers": [
@@ -261,6 +254,22 @@ def payload(
             for name in COMPUTED
             if name in options
         ],
+    }
+
+
+def joint_payload(explored: Explored, model: BlockModel) -> dict[str, Any]:
+    """The explorer's data of the joint model: its tables, and its places on the map once it is
+    turned onto Θ⁰.
+    """
+    joint = explored.joint.entity[0].double().numpy()
+    turned, fitted = procrustes(joint, explored.vectors, explored.known)
+    scale = max(float(np.abs(joint).max()), 1e-9) / STEPS
+    return {
+        "joint": packed(np.round(joint / scale), "<i2"),
+        "jointScale": scale,
+        "jointMap": packed(model.maps(explored.joint.relation[0])),
+        "jointPlaces": explored.projection.places(turned).round(3).tolist(),
+        "fitted": round(100 * fitted),
     }
 
 

@@ -361,7 +361,7 @@ def test_params_and_code_are_dependencies_of_the_stages_that_read_them_alone(
             *(f"sweep_indicators@ai2thor-{name}" for name in SWEPT),
             *of_es,
         },
-        "isi/analyses/trajectory.py": {"trace_trajectory@ai2thor"},
+        "stages/trace_trajectory.py": {"trace_trajectory@ai2thor"},
         "stages/report/figures.py": set(),
         "isi/errors.py": set(),
         "isi/cli/__init__.py": set(),

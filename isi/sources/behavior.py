@@ -53,24 +53,13 @@ def behavior(
     """
     content = "the scenes of BEHAVIOR-1K"
     folder = packaged("bddl", "bddl/generated_data", content) if from_ == "package" else Path(from_)
-    path, categories, listed = (folder / name for name in (SCENES, CATEGORIES, PROPERTIES))
+    path, categories, of_properties = (folder / name for name in (SCENES, CATEGORIES, PROPERTIES))
     scenes = read_json(_SceneList, path, content).scenes
-    properties = read_json(dict[str, dict[str, Any]], listed, content)
-    table = read_table(categories, ["category", "synset"]).drop_duplicates(["category", "synset"])
-    refuse(
-        categories,
-        table["category"],
-        table.duplicated("category"),
-        "expected each category with one synset",
-    )
-    synset_of = dict(zip(table["category"], table["synset"], strict=True))
+    properties = read_json(dict[str, dict[str, Any]], of_properties, content)
+    synset_of = _synsets(categories)
     check_settings(categories, "synset", structure, synset_of.values())
-    check_settings(
-        listed,
-        "property",
-        affordances,
-        {name for of_synset in properties.values() for name in of_synset},
-    )
+    known_properties = {name for of_synset in properties.values() for name in of_synset}
+    check_settings(of_properties, "property", affordances, known_properties)
     room_types = {room.rpartition("_")[0] for rooms in scenes.values() for room in rooms}
     check_settings(path, "synset or type of room", names, {*synset_of.values(), *room_types})
     synset_named: dict[str, str] = {}
@@ -88,16 +77,24 @@ def behavior(
         place = names.get(room_type) or _words(room_type)
         if fault := name_fault(head) or name_fault(place):
             raise InputError(path, f"{scene}: {room}: {short(synset)}", fault)
-        if synset_named.setdefault(head, synset) != synset:
-            expected = (
-                f"{synset_named[head]} has this name, too: give {synset} "
-                "another name in the setting names"
+        if (other := synset_named.setdefault(head, synset)) != synset:
+            remedy = f"give {synset} another name in the setting names"
+            raise InputError(
+                categories, f"entity {head!r}", f"{other} has this name, too: {remedy}"
             )
-            raise InputError(categories, f"entity {head!r}", expected)
         actions = {action for name in properties[synset] for action in affordances.get(name, ())}
         yield from observed(
             scene, place, f"{room}/{model}", head, affordances=sorted(actions), count=count
         )
+
+
+def _synsets(categories: Path) -> dict[str, str]:
+    """The synset of each category; ``InputError`` if a category has two."""
+    columns = ["category", "synset"]
+    table = read_table(categories, columns).drop_duplicates(columns)
+    expected = "expected each category with one synset"
+    refuse(categories, table["category"], table.duplicated("category"), expected)
+    return dict(zip(table["category"], table["synset"], strict=True))
 
 
 def _objects(

@@ -44,8 +44,7 @@ def rdf(
     household: bool = False,
     names: Choice["local", "iri"] = "local",
 ) -> Iterator[Observation]:
-    """Observations of an RDF graph (``.nt``, ``.ttl``, perhaps with ``.gz``):
-    types are kinds.
+    """Observations of an RDF graph (``.nt``, ``.ttl``, perhaps with ``.gz``): types are kinds.
 
     Labels are phrases. The other settings are those of ``table``; the table ``entities`` overrides
     types and labels. ``names``: a name is the ``local`` part of an IRI, or the whole ``iri``.
@@ -66,9 +65,7 @@ def rdf(
         chosen = name(node)
         other = node_of[role].setdefault(clean(chosen), node)
         if clean(str(other)) != clean(str(node)):
-            also = f"{short(chosen)} is also the name of <{cut(str(other))}>"
-            expected = f"{also}; set names: iri to use whole IRIs as names"
-            raise InputError(path, f"<{cut(str(node))}>", expected)
+            raise _two_of_one_name(path, chosen, node, other)
         return chosen
 
     for head, relation, tail in sorted(graph):
@@ -82,13 +79,19 @@ def rdf(
         dropped = ", ".join(f"{number:,} {label}" for label, number in mining.counts.items())
         expected = "expected triples between entities that have IRIs"
         raise InputError(path, "", f"{expected}, got {dropped or 'none'}")
-    listed = set(named.kind_of)
+    of_table = set(named.kind_of)
     for entity, node in node_of["entity"].items():
-        kind = None if entity in listed else _kind(graph, node, mining.counts)
+        kind = None if entity in of_table else _kind(graph, node, mining.counts)
         if kind is not None:
             named.kind_of[entity] = name(kind)
         if label := _label(graph, node, mining.counts):
             named.phrase_of.setdefault(entity, label.lower())
+
+
+def _two_of_one_name(path: str, name: str, node: Node, other: Node) -> InputError:
+    also = f"{short(name)} is also the name of <{cut(str(other))}>"
+    remedy = "set names: iri to use whole IRIs as names"
+    return InputError(path, f"<{cut(str(node))}>", f"{also}; {remedy}")
 
 
 def _no_fact(head: Node, relation: Node, tail: Node) -> str | None:

@@ -114,8 +114,5 @@ def spark_dsg(
             located += 1
             yield from observed(Path(path).stem, place, str(node.id), head, places)
     if not located:
-        raise InputError(
-            path,
-            "",
-            "expected objects with a label in rooms with one; settings: labels, rooms, room",
-        )
+        expected = "expected objects with a label in rooms with one"
+        raise InputError(path, "", f"{expected}; settings: labels, rooms, room")
