@@ -127,25 +127,24 @@ def context_in_session(
     words: Tensor,
     root: int,
     keys: Tensor,
-    listed: Tensor | None = None,
+    triples: Tensor | None = None,
     confidence: Tensor | None = None,
 ) -> InitContext:
     """What an initializer sees of the novel entities, (M, n), of a stack of sessions.
 
     Args:
-        theta: Θ of the session before.
-        before: that session.
+        theta: Θ of the session ``before``.
         insert_triples: place in the stack, place in ``novel`` and triple, (I, 3), sorted.
         words: word vectors, (E, v).
         root: seed of the random streams; ``keys``: of each model's streams, (M, K).
-        listed: the triples that ``insert_triples`` are rows of, (L, 3); None: the graph's.
-        confidence: of these triples, (L,), float64; None: each is believed fully.
+        triples: those that ``insert_triples`` name, (T, 3); None: the graph's.
+        confidence: of these triples, (T,), float64; None: each is believed fully.
     """
     model, place, triple = insert_triples.T
     slot = model * novel.shape[1] + place
     number = torch.arange(len(slot)) - torch.searchsorted(slot, slot)  # within its entity
     longest = int(number.max()) + 1 if len(number) else 1
-    head, relation, tail = (before.graph.triples if listed is None else listed)[triple].T
+    head, relation, tail = (before.graph.triples if triples is None else triples)[triple].T
     is_tail = tail == novel[model, place]
 
     def padded(values: Tensor) -> Tensor:

@@ -20,9 +20,8 @@ from isi.initializers.baselines import (
 )
 from isi.initializers.context import InitContext
 from isi.initializers.evidence import Evidence, evidence_of, spread
-from isi.initializers.newton import Problem, newton
+from isi.initializers.newton import Problem, newton, score_of
 from isi.initializers.paper import kind_mean, mean
-from isi.initializers.scores import score_of
 from isi.models.stack import NotFinite, rows
 
 #: Weight of an isotropic covariance of equal trace in Σ, since the known vectors' own may be

@@ -1,9 +1,7 @@
-"""The engine of insertion: what an initializer sees, batches of novel entities, rounds, results.
+"""The engine of insertion: rounds and batches of the novel entities of one embedding.
 
-Three ways of inserting come here. ``insert`` inserts the ``NovelEntities`` of one embedding, in
-rounds and batches. The grid of experiments and the hold-out test insert one stack at once: they
-take what the initializer sees from ``context_in_session``. Known entities have the ids 0 to E - 1,
-novel ones E to E + n - 1; new relations follow the R known ones.
+Known entities have the ids 0 to E - 1, novel ones E to E + n - 1; new relations follow the R known
+ones.
 """
 
 from __future__ import annotations
@@ -270,12 +268,6 @@ def context_for(
     """
     session = trained_session(novel.known_triples, novel.theta, novel.kinds)
     session.entities[:, novel.known :] = False
-    ends = torch.from_numpy(triples[:, [HEAD, TAIL]].copy(order="C"))
-    place = torch.searchsorted(ids, ends).clamp(max=len(ids) - 1)
-    triple, end = (ids[place] == ends).nonzero(as_tuple=True)
-    order = torch.argsort(place[triple, end], stable=True)
-    triple, end = triple[order], end[order]
-    insert_triples = torch.stack([torch.zeros_like(triple), place[triple, end], triple], 1)
     words = torch.zeros(len(session.graph.entities), 1)
     if novel.words is not None:
         words = torch.from_numpy(novel.words)
@@ -289,19 +281,30 @@ def context_for(
         novel.theta,
         session,
         ids[None],
-        insert_triples,
+        _insert_triples(ids, triples),
         words,
         novel.seed,
         keys,
-        torch.from_numpy(triples),
-        None if confidence is None else torch.from_numpy(confidence),
+        triples=torch.from_numpy(triples),
+        confidence=None if confidence is None else torch.from_numpy(confidence),
     )
-    context = replace(context, entity_keys=entity_keys)
-    eligible = context.eligible if len(novel.known_triples) else context.known
     return replace(
         context,
-        eligible=eligible,
+        eligible=context.eligible if len(novel.known_triples) else context.known,
+        entity_keys=entity_keys,
         by_kind=novel.kinds is not None,
         scale=novel.scale,
         start=novel.theta.entity[:, ids] if again else None,
     )
+
+
+def _insert_triples(ids: Tensor, triples: np.ndarray) -> Tensor:
+    """The triples, (T, 3), of each of the novel entities ``ids``, (m,), ascending: rows of 0 (the
+    place in a stack of one), place in ``ids`` and triple, in the order of places; shape (I, 3).
+    """
+    ends = torch.from_numpy(triples[:, [HEAD, TAIL]].copy(order="C"))
+    place = torch.searchsorted(ids, ends).clamp(max=len(ids) - 1)
+    triple, end = (ids[place] == ends).nonzero(as_tuple=True)
+    order = torch.argsort(place[triple, end], stable=True)
+    triple, end = triple[order], end[order]
+    return torch.stack([torch.zeros_like(triple), place[triple, end], triple], 1)

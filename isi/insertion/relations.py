@@ -11,9 +11,8 @@ from isi.errors import InputError
 from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.initializers.evidence import SAMPLE, spread
 from isi.initializers.inverses import InverseRelations, both_ways, unpack
-from isi.initializers.newton import Problem, newton
+from isi.initializers.newton import AnyScore, LinearScore, Problem, newton
 from isi.initializers.scale import LOGISTIC, Scale
-from isi.initializers.scores import AnyScore, LinearScore
 from isi.models.stack import Embedding
 
 WIDEST = 4096  #: Maximum length of a row; the Hessian has the square of that in elements.
@@ -42,42 +41,30 @@ def fit_relations(
     """
     if isinstance(theta.model, InverseRelations):
         known_triples, triples = both_ways(known_triples), both_ways(triples)
+        options = strength, ratio, known_negatives, scale
         rows = fit_relations(
-            unpack(theta),
-            entities,
-            2 * relations,
-            triples,
-            known_triples,
-            strength,
-            ratio,
-            known_negatives,
-            scale,
+            unpack(theta), entities, 2 * relations, triples, known_triples, *options
         )
         return rows.view(-1, theta.relation.shape[2])
-    if theta.relation.shape[2] > WIDEST:
-        expected = (
-            f"expected relations with rows of at most {WIDEST:,} numbers, "
-            f"got {theta.relation.shape[2]:,}"
-        )
+    width = theta.relation.shape[2]
+    if width > WIDEST:
+        expected = f"expected relations with rows of at most {WIDEST:,} numbers, got {width:,}"
         raise InputError("argument 'new_relations'", "", expected)
     rows = theta.relation[0, :relations].double()
     mean, precision = rows.mean(0), strength * torch.linalg.inv(covariance(rows))
     fitted = []
     for relation in range(relations, theta.relation.shape[1]):
-        seen = triples[triples[:, RELATION] == relation]
-        problem = _problem(
-            theta, entities, relations, seen, known_triples, ratio, known_negatives * ratio
-        )
-        problem = replace(
-            problem,
-            mean=mean[None],
-            precision=precision[None],
-            slope=scale.slope,
-            offset=scale.offset,
-        )
+        observed = triples[triples[:, RELATION] == relation]
+        if not len(observed):
+            fitted.append(mean)
+            continue
+        weight = known_negatives * ratio
+        problem = _problem(theta, entities, relations, observed, known_triples, ratio, weight)
+        prior = {"mean": mean[None], "precision": precision[None]}
+        problem = replace(problem, **prior, slope=scale.slope, offset=scale.offset)
         if theta.model.linear:  # in the relation's row, too
             problem = replace(problem, score=LinearScore(problem.slopes(mean[None])))
-        fitted.append(newton(problem)[0] if len(seen) else mean)
+        fitted.append(newton(problem)[0])
     return torch.stack(fitted).float()
 
 

@@ -21,7 +21,7 @@ ROUNDING = 1e-6  #: Tolerance for means, which are computed in single precision.
 #: Arrow's type of a column by name; ``category``: text that repeats, dictionary-encoded.
 ArrowType = Literal["bool", "int32", "int64", "float64", "string", "category"]
 #: Whether each row breaks a rule; shape: (rows,), bool.
-Broken: TypeAlias = "np.ndarray | pd.Series"
+RowMask: TypeAlias = "np.ndarray | pd.Series"
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Rule:
 
     expected: str  #: the message for a row that breaks the rule
     columns: Sequence[str]  #: the message shows their values in that row
-    broken: Callable[[pd.DataFrame], Broken]
+    broken: Callable[[pd.DataFrame], RowMask]
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class ColumnType:
 
     type: ArrowType
     expected: str = ""  #: message; ``{}`` is the column's name
-    broken: Callable[[pd.Series], Broken] | None = None
+    broken: Callable[[pd.Series], RowMask] | None = None
     nullable: bool = False
 
     @property
@@ -107,7 +107,7 @@ COUNT = ColumnType(
 
 
 def refuse(
-    path: object, frame: pd.DataFrame, wrong: Broken, columns: Iterable[str], expected: str
+    path: object, frame: pd.DataFrame, wrong: RowMask, columns: Iterable[str], expected: str
 ) -> None:
     """InputError for the first row that is ``wrong``:
     its number (from 0) and its values in ``columns``.
