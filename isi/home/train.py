@@ -57,8 +57,7 @@ from isi.insertion.arguments import (
 )
 from isi.models.model import MODELS, compared_models
 from isi.models.stack import Embedding, NotFinite, select, usual_torch
-from isi.sources.names import ENTITY, Naming
-from isi.sources.names import Name as KindName
+from isi.sources.names import ENTITY, Label, Naming
 from isi.sources.readers import check_names, cleaned
 from isi.sources.triples import naming
 from isi.tables.rules import MOST_OBSERVED
@@ -267,7 +266,7 @@ def train(
         tables = tables_of(triples)
     if kinds:
         with naming_argument("kinds"):
-            named = check(options_by_name(kinds, "kinds"), dict[str, KindName], "", "")
+            named = check(options_by_name(kinds, "kinds"), dict[str, Label], "", "")
             tables, note = with_kinds(tables, named)
         if note:
             warnings.warn(f"kinds: {note}", stacklevel=2)

@@ -17,7 +17,7 @@ from isi.errors import InputError, at, cut, short
 from isi.names import name_fault
 from isi.random import stream
 from isi.sources import Mining, Observation, observed, once, reader
-from isi.sources.names import Name, household
+from isi.sources.names import Label, household
 from isi.sources.readers import MOST, json_lines, parse_json, read_table, refuse
 from isi.sources.recordings import (
     AFFORDANCES,
@@ -98,7 +98,7 @@ _register("robothor")
 def ai2thor_scene(
     mining: Mining,
     path: str,
-    room: Name | None = None,
+    room: Label | None = None,
     broken: Broken = "error",
     circular: Circular = "keep",
 ) -> Iterator[Observation]:

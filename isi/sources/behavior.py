@@ -10,7 +10,7 @@ from pydantic import BaseModel, Field
 from isi.errors import InputError, short
 from isi.names import name_fault
 from isi.sources import Mining, Observation, observed, reader
-from isi.sources.names import Name, household
+from isi.sources.names import Label, household
 from isi.sources.readers import check_settings, packaged, read_json, read_table, refuse
 
 SCENES, CATEGORIES = "combined_room_object_list.json", "category_mapping.csv"
@@ -40,8 +40,8 @@ def behavior(
     mining: Mining,
     from_: str,
     structure: list[str],
-    names: dict[str, Name],
-    affordances: dict[str, list[Name]],
+    names: dict[str, Label],
+    affordances: dict[str, list[Label]],
 ) -> Iterator[Observation]:
     """Observations of the scenes, without materials.
     The name of an object is the word of its synset.

@@ -14,7 +14,7 @@ from isi.config import Count
 from isi.errors import InputError, at, cut
 from isi.names import clean
 from isi.sources import Mining, Observation, reader
-from isi.sources.names import Name, Naming
+from isi.sources.names import Label, Naming
 from isi.sources.readers import read_text
 
 #: Descriptions of counts.
@@ -54,14 +54,14 @@ def graphml(mining: Mining, path: str, names: str | None = None) -> Iterator[Obs
         for key, given in (("kind", named.kind_of), ("phrase", named.phrase_of)):
             if key in attributes:
                 with at(path, f"node {cut(name)}"):
-                    given[name] = config.check(attributes[key], Name, key, "")
+                    given[name] = config.check(attributes[key], Label, key, "")
     for place, (head, tail, attributes) in enumerate(graph.edges(data=True), 1):
         if "rank" in attributes:
             mining.counts[PREDICTIONS] += 1
             continue
         with at(path, f"edge {place}"):
             relation = _label(attributes, ("relation", "label"))
-            config.check(relation, Name, "relation", "")
+            config.check(relation, Label, "relation", "")
             count = attributes.get("count", 1)
             if isinstance(count, float) and count.is_integer():  # as igraph and Gephi write it
                 count = int(count)

@@ -20,7 +20,7 @@ AT_LOCATION, HAS_MATERIAL, HAS_AFFORDANCE = "atLocation", "hasMaterial", "hasAff
 
 
 #: The name of an entity, a relation, a scene or an object.
-Name = Annotated[str, AfterValidator(check_name)]
+Label = Annotated[str, AfterValidator(check_name)]
 
 
 @cache
@@ -45,8 +45,8 @@ def words(name: str) -> str:
 class Ends(Section):
     """The kinds of a relation's heads and tails."""
 
-    head: Name
-    tail: Name
+    head: Label
+    tail: Label
 
 
 KindsByRelation = Annotated[dict[str, Ends], Field(min_length=1)]

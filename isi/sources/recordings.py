@@ -13,7 +13,7 @@ from isi import config
 from isi.config import Count, EachOnce, Section, Seed
 from isi.errors import InputError, cut, short
 from isi.names import name_fault
-from isi.sources.names import Name, entity_name
+from isi.sources.names import Label, entity_name
 from isi.sources.readers import GZIP, json_lines, packaged, parse_json, reading
 from isi.tables import paths
 from isi.tables.io import check_sha256
@@ -50,15 +50,16 @@ def _flag(name: str) -> Any:
 _Text = Annotated[str, Field(min_length=1)]
 #: Fields of a reported object that mining reads: type, and default if the field may be missing.
 _FIELDS: dict[str, Any] = {
-    "objectId": (Name, ...),
+    "objectId": (Label, ...),
     "objectType": (
         Annotated[str, Field(max_length=100, pattern=r"^[A-Za-z]([A-Za-z0-9_ -]*[A-Za-z0-9_-])?$")],
         ...,
     ),
     **dict.fromkeys(
-        ("parentReceptacles", "receptacleObjectIds"), (Annotated[list[Name], EachOnce] | None, None)
+        ("parentReceptacles", "receptacleObjectIds"),
+        (Annotated[list[Label], EachOnce] | None, None),
     ),
-    "salientMaterials": (list[Name] | None, None),
+    "salientMaterials": (list[Label] | None, None),
     **{name: _flag(name) for name in AFFORDANCES},
 }
 FIELDS = tuple(_FIELDS)

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 from pydantic import AliasChoices, BeforeValidator, Field, create_model
 
 from isi.sources import Mining, Observation, observed, once, reader
-from isi.sources.names import Name, Naming, words
+from isi.sources.names import Label, Naming, words
 from isi.sources.readers import MOST, json_lines, parse_json
 
 
@@ -21,7 +21,7 @@ def _of(kind: Any, *keys: str, default: Any = ...) -> Any:
 
 #: One name or a list of names; null is none.
 _Names = Annotated[
-    list[Name],
+    list[Label],
     BeforeValidator(
         lambda given: given if isinstance(given, list) else [given][: given is not None]
     ),
@@ -29,8 +29,8 @@ _Names = Annotated[
 #: An object: its class goes before its name, which may be that of an instance, such as ``mug_3``.
 _Object: Any = create_model(
     "Object",
-    id=(Name | int | None, None),
-    name=_of(Name, "class", "type", "label", "name"),
+    id=(Label | int | None, None),
+    name=_of(Label, "class", "type", "label", "name"),
     **{
         f"{key}s": _of(_Names, key, f"{key}s", default=[])
         for key in ("receptacle", "material", "affordance")
@@ -39,7 +39,9 @@ _Object: Any = create_model(
 _Named = Annotated[
     _Object, BeforeValidator(lambda given: {"name": given} if isinstance(given, str) else given)
 ]
-_Room: Any = create_model("Room", name=_of(Name, "name", "type", "id"), objects=(list[_Named], ...))
+_Room: Any = create_model(
+    "Room", name=_of(Label, "name", "type", "id"), objects=(list[_Named], ...)
+)
 _Home: Any = create_model("Home", rooms=(list[_Room], ...))
 
 

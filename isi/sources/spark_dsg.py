@@ -12,7 +12,7 @@ from pydantic import BeforeValidator, create_model
 from isi.errors import InputError
 from isi.names import name_fault
 from isi.sources import Mining, Observation, observed, reader
-from isi.sources.names import Name, household, phrase
+from isi.sources.names import Label, household, phrase
 from isi.sources.readers import check_settings, read_json
 
 #: Names of nodes that are no labels: those that Hydra gives, such as ``O(12)``. ``UNKNOWN`` is no
@@ -70,9 +70,9 @@ def _above(path: str, nodes: Mapping[int, Any], edges: Iterable[Any]) -> Any:
 def spark_dsg(
     mining: Mining,
     path: str,
-    labels: dict[int, Name] | None = None,
-    rooms: dict[str, Name] | None = None,
-    room: Name | None = None,
+    labels: dict[int, Label] | None = None,
+    rooms: dict[str, Label] | None = None,
+    room: Label | None = None,
 ) -> Iterator[Observation]:
     """Observations of a scene graph: each object is in the labelled room and places above it.
 
