@@ -48,8 +48,8 @@ adapter: Callable[[type[T]], TypeAdapter[T]] = cache(TypeAdapter)  # type: ignor
 
 def distinct(values: Iterable[Any]) -> bool:
     """Whether no value repeats."""
-    listed = list(values)
-    return len(set(listed)) == len(listed)
+    items = list(values)
+    return len(set(items)) == len(items)
 
 
 def ensure(hold: Callable[[Any], bool], expected: str) -> AfterValidator:
@@ -194,11 +194,11 @@ def options(function: Callable[..., Any]) -> type[Section]:
     return cast("type[Section]", create_model(function.__name__, __base__=Section, **fields))
 
 
-def keywords(function: Callable[..., Any], given: Mapping[str, Any], key: str) -> dict[str, Any]:
+def keywords(function: Callable[..., Any], values: Mapping[str, Any], key: str) -> dict[str, Any]:
     """Validated keyword arguments of a function;
     InputError names the key that is unknown, missing or wrong.
     """
-    checked = check(dict(given) if isinstance(given, Mapping) else given, options(function), key)
+    checked = check(dict(values) if isinstance(values, Mapping) else values, options(function), key)
     return {name: getattr(checked, name) for name in type(checked).model_fields}
 
 
@@ -209,9 +209,9 @@ def value_of(values: Any, key: str) -> Any:
     return values
 
 
-def check_names(listed: Iterable[str], known: Iterable[str], key: str) -> None:
+def check_names(names: Iterable[str], known: Iterable[str], key: str) -> None:
     """InputError at a key for the first listed name that is not known."""
-    for name in listed:
+    for name in names:
         if name not in known:
             raise InputError(
                 "",

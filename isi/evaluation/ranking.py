@@ -162,7 +162,7 @@ def _rows(queries: Queries, triples: Tensor) -> QueryRows:
     all_relations = torch.ones(len(triples), len(session.graph.relations), dtype=torch.bool)
     candidates = (queries.candidates, all_relations, queries.candidates)
     head, relation, tail = (
-        _competitors(queries, ids, slot, listed) for slot, listed in enumerate(candidates)
+        _competitors(queries, ids, slot, of_slot) for slot, of_slot in enumerate(candidates)
     )
     times = queries.queried.gather(1, ids).masked_fill(triples < 0, 0)
     # weight of a query: its relation's share of observations, divided by the relation's number of

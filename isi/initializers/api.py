@@ -163,8 +163,8 @@ def initializer(
     return register
 
 
-def options_of(name: str, given: Mapping[str, Any], key: str) -> dict[str, Any]:
+def options_of(name: str, options: Mapping[str, Any], key: str) -> dict[str, Any]:
     """Validated options of an initializer, as keyword arguments;
     ``InputError`` at the key if they do not fit.
     """
-    return keywords(INITIALIZERS.get(name, key).function, given, key)
+    return keywords(INITIALIZERS.get(name, key).function, options, key)

@@ -179,7 +179,7 @@ def trained_session(
     """
     entities, relations = theta.entity.shape[1], theta.relation.shape[1]
     kind = torch.zeros(entities, dtype=torch.int64) if kinds is None else torch.from_numpy(kinds)
-    seen = torch.ones(1, dtype=torch.int64).expand(len(triples))
-    graph = Graph([""] * entities, [""] * relations, torch.from_numpy(triples), seen, kind)
+    counts = torch.ones(1, dtype=torch.int64).expand(len(triples))
+    graph = Graph([""] * entities, [""] * relations, torch.from_numpy(triples), counts, kind)
     everyone = torch.ones(1, entities, dtype=torch.bool)
     return Session(graph, everyone, torch.full((1, len(triples)), TRAIN, dtype=torch.int8))

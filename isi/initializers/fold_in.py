@@ -157,11 +157,11 @@ def _rows(context: InitContext, model: int, start: Tensor) -> _Rows:
     is_tail, observed = context.novel_is_tail[model], context.observed[model]
     other = place[context.other[model]]
     # a triple of two new entities is listed with both
-    listed = observed & ~((other >= number) & is_tail)
+    counts = observed & ~((other >= number) & is_tail)
     novel = (number + new)[:, None].expand(other.shape)
     ends = torch.where(is_tail, other, novel), torch.where(is_tail, novel, other)
-    triples = torch.stack([ends[0], context.relation[model], ends[1]], -1)[listed]
-    weight = context.weight[model][listed].float()
+    triples = torch.stack([ends[0], context.relation[model], ends[1]], -1)[counts]
+    weight = context.weight[model][counts].float()
     of_new_relations = context.training.triples
     if of_new_relations is not None:
         triples = torch.cat([triples, of_new_relations])

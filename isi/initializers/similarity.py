@@ -69,9 +69,9 @@ def mean_relational_score(context: InitContext) -> Tensor:
     """``relational_score`` divided by the number of relations in insert triples: a mean cosine;
     shape (M, n, E).
     """
-    seen = torch.zeros(*context.novel.shape, context.theta0.relation.shape[1])
-    seen.scatter_add_(-1, context.relation, context.observed.float())
-    return relational_score(context) / (seen > 0).sum(-1, keepdim=True).clamp(min=1)
+    number = torch.zeros(*context.novel.shape, context.theta0.relation.shape[1])
+    number.scatter_add_(-1, context.relation, context.observed.float())
+    return relational_score(context) / (number > 0).sum(-1, keepdim=True).clamp(min=1)
 
 
 def top_k(score: Tensor, eligible: Tensor, k: int) -> Tensor:

@@ -63,11 +63,11 @@ class Model(ABC):
         """
         return dimension
 
-    def half_range(self, given: float) -> float:
+    def half_range(self, of_entities: float) -> float:
         """Half range of the uniform distribution that initializes relations;
-        ``given`` is that of entities.
+        ``of_entities`` is that of entities.
         """
-        return math.pi if self.angles else given
+        return math.pi if self.angles else of_entities
 
     @abstractmethod
     def score(self, head: Tensor, relation: Tensor, tail: Tensor) -> Tensor:
@@ -279,8 +279,8 @@ def register_model(
 def compared_models() -> list[str]:
     """The names of the models that ``isi train`` compares, in order."""
     places = {name: MODELS.get(name).compared for name in MODELS.names()}
-    listed = [(place, name) for name, place in places.items() if place is not None]
-    return [name for _, name in sorted(listed)]
+    compared = [(place, name) for name, place in places.items() if place is not None]
+    return [name for _, name in sorted(compared)]
 
 
 def make_model(name: str, options: Mapping[str, Any], key: str) -> Model:

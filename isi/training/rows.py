@@ -187,8 +187,8 @@ class Objective:
             if self.is_exact:
                 losses = losses + self._log_z(slot, place, triples) - right
             else:
-                given, answer = ends[HEAD + TAIL - slot], triples[:, slot]
-                losses = losses + self._sampled(slot, given, relation, answer, right, rng)
+                end, answer = ends[HEAD + TAIL - slot], triples[:, slot]
+                losses = losses + self._sampled(slot, end, relation, answer, right, rng)
         loss = (weight * losses).sum() / weight.sum()
         for slot, known in self.known.items():
             loss = loss + self.share * known.number * self._of_known(slot, known, rng)
@@ -196,12 +196,12 @@ class Objective:
             loss = loss + task.penalty(tables)
         return loss
 
-    def _scores(self, slot: int, given: Tensor, relation: Tensor, entities: Tensor) -> Tensor:
-        """Scores of entities, (C, d), as answers in a slot, by rows of the given ends, (B, d), and
+    def _scores(self, slot: int, end: Tensor, relation: Tensor, entities: Tensor) -> Tensor:
+        """Scores of entities, (C, d), as answers in a slot, by rows of the other ends, (B, d), and
         relations, (B, w); shape (B, C).
         """
         score = self.model.score_tails if slot == TAIL else self.model.score_heads
-        return score(given[None], relation[None], entities[None])[0]
+        return score(end[None], relation[None], entities[None])[0]
 
     def _queries(self, slot: int, triples: Tensor) -> Tensor:
         """A number for each query of some triples, (B,)."""
@@ -213,16 +213,16 @@ class Objective:
         NaN for others; shape (T,).
         """
         tables, triples = self.tables, self.task.facts.triples
-        given, relation = triples[:, HEAD + TAIL - slot], triples[:, RELATION]
-        is_fixed = (given < len(tables.fixed_entity)) & (relation < len(tables.fixed_relation))
+        end, relation = triples[:, HEAD + TAIL - slot], triples[:, RELATION]
+        is_fixed = (end < len(tables.fixed_entity)) & (relation < len(tables.fixed_relation))
         result = torch.full((len(triples),), torch.nan)
         chosen = triples[is_fixed]
         queries, inverse = torch.unique(self._queries(slot, chosen), return_inverse=True)
-        given, relation = queries % tables.entities, queries // tables.entities
+        end, relation = queries % tables.entities, queries // tables.entities
         log_z = [torch.zeros(0)]
         size = max(1, BUDGET // len(tables.fixed_entity))
         for part in torch.split(torch.arange(len(queries)), size) if len(queries) else ():
-            rows = tables.entity_rows(given[part]), tables.relation_rows(relation[part])
+            rows = tables.entity_rows(end[part]), tables.relation_rows(relation[part])
             log_z.append(self._scores(slot, *rows, tables.fixed_entity).logsumexp(1))
         result[is_fixed] = torch.cat(log_z)[inverse]
         return result
@@ -231,22 +231,22 @@ class Objective:
         """log Z of the queries of some facts, each query computed once; shape (B,)."""
         tables = self.tables
         queries, inverse = torch.unique(self._queries(slot, triples), return_inverse=True)
-        given = tables.entity_rows(queries % tables.entities)
+        end = tables.entity_rows(queries % tables.entities)
         relation = tables.relation_rows(queries // tables.entities)
         parts = []
         if len(tables.entity):
-            parts.append(self._scores(slot, given, relation, tables.entity).logsumexp(1))
+            parts.append(self._scores(slot, end, relation, tables.entity).logsumexp(1))
         if slot in self.fixed:
             of_query = torch.zeros(len(queries)).index_copy(0, inverse, self.fixed[slot][place])
             moves = of_query.isnan()
-            again = self._scores(slot, given[moves], relation[moves], tables.fixed_entity)
+            again = self._scores(slot, end[moves], relation[moves], tables.fixed_entity)
             parts.append(of_query.masked_scatter(moves, again.logsumexp(1)))
         return torch.stack(parts).logsumexp(0)[inverse]
 
     def _sampled(
         self,
         slot: int,
-        given: Tensor,
+        end: Tensor,
         relation: Tensor,
         answer: Tensor,
         right: Tensor,
@@ -256,7 +256,7 @@ class Objective:
         tables = self.tables
         drawn = torch.from_numpy(rng.integers(tables.entities, size=self.negatives))
         wrong = tables.entity_rows(drawn)
-        scores = self._scores(slot, given, relation, wrong)
+        scores = self._scores(slot, end, relation, wrong)
         scores = scores.masked_fill(drawn == answer[:, None], -torch.inf)
         if self.recipe.loss == "softmax":
             each = scores + float(np.log(tables.entities / len(drawn)))
@@ -269,16 +269,16 @@ class Objective:
         """
         tables = self.tables
         drawn = known.draw(rng, EARLIER_SCORES // len(tables.entity))
-        given = tables.fixed_entity[known.given[drawn]]
+        end = tables.fixed_entity[known.end[drawn]]
         relation = tables.fixed_relation[known.relation[drawn]]
-        new = self._scores(slot, given, relation, tables.entity)
+        new = self._scores(slot, end, relation, tables.entity)
         right = known.right[drawn]
         if self.recipe.loss == "softmax":
             return softplus(new.logsumexp(1) - right).mean()
         others = torch.from_numpy(rng.integers(tables.entities, size=self.negatives - 1))
         with torch.no_grad():
             rows = tables.entity_rows(others)
-            beside = self._scores(slot, given, relation, rows)
+            beside = self._scores(slot, end, relation, rows)
         losses = self.loss.of_wrong(right, new, beside).sum(1)
         return losses.mean() * self.negatives / tables.entities
 
@@ -287,7 +287,7 @@ class Objective:
 class KnownQueries:
     """Queries of earlier facts, which new entities should not answer."""
 
-    given: Tensor  #: ids of the given ends; shape: (K,)
+    end: Tensor  #: ids of the ends that are no answers; shape: (K,)
     relation: Tensor  #: ids; shape: (K,)
     #: with cross-entropy, log Σ exp(score) over the known answers, which have nearly all of Z after
     #: training; else the score of the fact; shape: (K,)
@@ -299,9 +299,9 @@ class KnownQueries:
         """Places of at most ``most`` or ``EARLIER`` random queries, in proportion to their numbers
         of facts.
         """
-        size = max(1, min(EARLIER, most, len(self.given)))
+        size = max(1, min(EARLIER, most, len(self.end)))
         at = torch.from_numpy(rng.random(size)) * self.total[-1]
-        return torch.searchsorted(self.total, at, right=True).clamp(max=len(self.given) - 1)
+        return torch.searchsorted(self.total, at, right=True).clamp(max=len(self.end) - 1)
 
 
 @torch.no_grad()
@@ -311,16 +311,16 @@ def known_queries(
     """The queries that hide a slot of triples, (K, 3), of fixed rows; of many, a sample."""
     most = min(max(FOR_EACH * len(tables.entity), FEWEST_EARLIER), MOST_EARLIER)
     step = -(-len(triples) // most)
-    chosen, given = triples[::step], HEAD + TAIL - slot
+    chosen, end_slot = triples[::step], HEAD + TAIL - slot
     if recipe.loss != "softmax":
         total = torch.arange(1, len(chosen) + 1, dtype=torch.float64)
         scores = _scores_of(model, tables, chosen)
-        return KnownQueries(chosen[:, given], chosen[:, RELATION], scores, total, len(triples))
+        return KnownQueries(chosen[:, end_slot], chosen[:, RELATION], scores, total, len(triples))
     entities = tables.entities
     queries, count = torch.unique(
-        chosen[:, RELATION] * entities + chosen[:, given], return_counts=True
+        chosen[:, RELATION] * entities + chosen[:, end_slot], return_counts=True
     )
-    key = triples[:, RELATION] * entities + triples[:, given]
+    key = triples[:, RELATION] * entities + triples[:, end_slot]
     is_answer = torch.from_numpy(np.isin(key.numpy(), queries.numpy()))
     place = torch.searchsorted(queries, key[is_answer])
     scores = _scores_of(model, tables, triples[is_answer])
