@@ -221,14 +221,33 @@ def check_names(names: Iterable[str], known: Iterable[str], key: str) -> None:
 
 
 class Plugins(Generic[T]):
-    """Objects that the modules of a package register by name, except private modules."""
+    """Objects that the modules of a package register by name, except private modules.
 
-    def __init__(self, package: str) -> None:
+    ``definition_of`` gives the function or class that defines an object; by default, the object
+    itself.
+    """
+
+    def __init__(self, package: str, definition_of: Callable[[T], object] | None = None) -> None:
         self.package = package
+        self._definition_of = definition_of
         self._registered: dict[str, T] = {}
 
     def register(self, name: str, thing: T) -> None:
+        """Register an object. The definition that has the name may come again, since modules are
+        loaded again; an ``InputError`` refuses another one.
+        """
+        if name in self._registered:
+            first, second = self._place_of(self._registered[name]), self._place_of(thing)
+            if first != second:
+                message = f"expected another name, since {first} has it, got that of {second}"
+                raise InputError(self.package, repr(name), message)
         self._registered[name] = thing
+
+    def _place_of(self, thing: T) -> str:
+        """The module of an object's definition, and its name there."""
+        definition = thing if self._definition_of is None else self._definition_of(thing)
+        module = getattr(definition, "__module__", "")
+        return f"{module}.{getattr(definition, '__qualname__', repr(definition))}"
 
     def get(self, name: str, key: str = "") -> T:
         """The object registered under a name; for an unknown name,

@@ -64,3 +64,18 @@ def test_a_name_that_no_module_registers_is_refused_with_those_that_are_known(
     assert f"{dishes.package}._shared" not in sys.modules
     with pytest.raises(InputError, match="did you mean 'soup'"):
         dishes.get("sop", "menu.first")
+
+
+def test_a_name_of_another_definition_is_refused_and_the_same_one_may_come_again() -> None:
+    plugins = Plugins[object]("dishes")
+
+    def soup() -> None:
+        """One soup."""
+
+    plugins.register("soup", soup)
+    plugins.register("soup", soup)
+    with pytest.raises(InputError) as refused:
+        plugins.register("soup", InputError)
+    line = str(refused.value)
+    assert all(part in line for part in ("dishes", "'soup'", soup.__module__, "isi.errors"))
+    assert plugins._registered == {"soup": soup}

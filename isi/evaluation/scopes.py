@@ -1,14 +1,8 @@
-"""Scopes: groups of queries by code, with their titles."""
+"""Scopes: groups of queries, by name."""
 
-#: Titles of scopes. Known: test triples between known entities. Novel: every triple with a novel
-#: entity, a training triple as often as it was observed. Weighted: both, by numbers of triples.
-#: Held out: the test triples of D¹; of novel entities, their validation and test triples.
-SCOPES = {
-    "known": "earlier knowledge",
-    "novel": "novel entities",
-    "weighted": "weighted",
-    "held_out": "held-out triples",
-    "novel_held_out": "novel entities, held-out triples",
-    "known_closed": "earlier knowledge, known candidates only",
-}
+#: Known: test triples between known entities. Novel: every triple with a
+#: novel entity, a training triple as often as it was observed. Weighted: both, by numbers of triples.
+#: Held out: the test triples of D¹; of novel entities, their validation and test triples. Known,
+#: closed: those of known, with known candidates only.
+SCOPES = ("known", "novel", "weighted", "held_out", "novel_held_out", "known_closed")
 GROUPS = ("known", "novel")  #: Scopes in which a run has to converge, at one epoch.

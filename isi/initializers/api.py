@@ -5,6 +5,7 @@ and their registry.
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from operator import attrgetter
 from typing import Any, Literal
 
 import torch
@@ -132,7 +133,7 @@ class Registered:
         return replace(result, vectors=vectors, fallback=result.fallback.long())
 
 
-INITIALIZERS: Plugins[Registered] = Plugins("isi.initializers")
+INITIALIZERS: Plugins[Registered] = Plugins("isi.initializers", attrgetter("function"))
 
 
 def initializer(

@@ -12,6 +12,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import islice
+from operator import attrgetter
 from typing import Any
 
 import pandas as pd
@@ -57,7 +58,7 @@ class Reader:
     defaults: Mapping[str, Any] = field(default_factory=dict)
 
 
-READERS: config.Plugins[Reader] = config.Plugins("isi.sources")
+READERS: config.Plugins[Reader] = config.Plugins("isi.sources", attrgetter("read"))
 
 
 def reader(name: str, name_entities: NameEntities, **known: Any) -> Callable[[Read], Read]:

@@ -31,8 +31,10 @@ XLABELS = {
 }
 #: Initializers whose lines have a band: the paper's.
 BANDED = ("Xavier", "IU", "ES", "RS", "ERS")
-#: Colours of names that the palette lacks, in order of their appearance.
+#: Colours of names that the palette lacks, in order of their appearance; then again, with the next
+#: dash and mark.
 _SPARE = ("#8c564b", "#5f8f2f", "#b04a5a", "#4f86a8", "#94752c", "#7d5fa5")
+_SPARE_DASHES, _SPARE_MARKS = ("-", "--", ":", "-."), ("o", "s", "D", "^")
 #: What a page need not have of a drawing: later decimals of places, indents, and ids of groups,
 #: which other drawings have, too.
 _UNNEEDED = re.compile(r'(\.\d)\d{3,}|(?<=\n) +|(?<=<g) id="[^"]*"')
@@ -60,10 +62,17 @@ class Panel:
 
 
 def style_of(name: str, names: Sequence[str] = ()) -> dict[str, Any]:
-    """Colour, dashes and mark of a name."""
+    """Colour, dashes and mark of a name; ``names``: all of its drawing, from which the palette's
+    unknown ones are told apart.
+    """
     models = PALETTE["models"]
-    unknown = [other for other in (*names, name) if other not in models]
-    colour, dash, mark = models.get(name) or (_SPARE[unknown.index(name) % len(_SPARE)], "-", "o")
+    if name in models:
+        colour, dash, mark = models[name]
+    else:
+        unknown = [other for other in dict.fromkeys((*names, name)) if other not in models]
+        turn, place = divmod(unknown.index(name), len(_SPARE))
+        colour, turn = _SPARE[place], turn % len(_SPARE_DASHES)
+        dash, mark = _SPARE_DASHES[turn], _SPARE_MARKS[turn]
     return {"color": colour, "ls": dash, "marker": mark}
 
 
@@ -188,12 +197,13 @@ def places(frame: pd.DataFrame, title: str, mean: float) -> Panel:
     """A map of vectors: known entities, the indicators of one initializer, and the path of the new
     entity from its start (mark) to its end (ring); ``mean``: distance of known vectors on average.
     """
+    initializers = list(map(str, frame["initializer"].dropna().unique()))
 
     def draw(axes: Axes) -> list[Value]:
         values = list[Value]()
         for (role, name), rows in frame.groupby(["what", "initializer"], sort=False, dropna=False):
             x, y = rows["distance"].to_numpy(), rows["axis"].to_numpy()
-            style = style_of(str(name))
+            style = style_of(str(name), initializers)
             if role == "known entity":
                 axes.plot(x, y, "o", color=SOFT, ms=3, mew=0)
             elif role == "indicator":

@@ -5,11 +5,28 @@ from typing import Any
 
 import pandas as pd
 
-from isi.evaluation.scopes import SCOPES
-from stages.report.charts import Panel, bars, dots, lines, places
+from isi.initializers.api import INITIALIZERS
+from stages.report.charts import PALETTE, Panel, bars, dots, lines, places
+from stages.report.scopes import DIRECTIONS, EARLIER, TITLES
 
-#: Initializers that lines name; others are in the tables.
-MAIN = ["Xavier", "IU", "ES", "RS", "ERS", "Mean", "MAP", "Joint"]
+#: Roles of initializers that every figure of lines shows.
+DRAWN = ("paper", "isi", "own")
+#: Models without an initializer: the joint model, and Θ⁰ that is fine-tuned.
+_OTHERS = ("Joint", "Nothing inserted")
+
+
+def labels_of(*roles: str) -> list[str]:
+    """The labels of the registered initializers with one of some roles."""
+    registered = [INITIALIZERS.get(name) for name in INITIALIZERS.names()]
+    return [each.label for each in registered if each.role in roles]
+
+
+def drawn(frame: pd.DataFrame) -> pd.DataFrame:
+    """The rows of models that have a line: initializers with a role of ``DRAWN``, those that
+    ``palette.yaml`` lists beside them, and models without an initializer.
+    """
+    names = [*labels_of(*DRAWN), *PALETTE["lines"], *_OTHERS]
+    return frame[frame["model"].isin(names)]
 
 
 def titled(graph: Any, about: str) -> str:
@@ -25,50 +42,49 @@ def by_graph(frame: pd.DataFrame) -> Iterator[tuple[Any, pd.DataFrame]]:
 
 def answer(frame: pd.DataFrame) -> list[Panel]:
     """The parts of the gain on each graph, in both groups together and about novel entities."""
-    groups = frame.groupby(["scope", "graph"], sort=False)
-    ordered = sorted(groups, key=_scope_first)
-    return [bars(rows, titled(graph, SCOPES[str(scope)])) for (scope, graph), rows in ordered]
-
-
-def _scope_first(group: tuple[Any, Any]) -> int:
-    (scope, _), _ = group
-    return list(SCOPES).index(scope)
+    panels = list[Panel]()
+    for scope, title in TITLES.items():
+        of_scope = frame[frame["scope"] == scope]
+        panels += [bars(rows, titled(graph, title)) for graph, rows in by_graph(of_scope)]
+    return panels
 
 
 def figure3a(frame: pd.DataFrame) -> list[Panel]:
     """The measure by number of novel entities, on each graph: weighted, then by group."""
-    shown = frame[frame["model"].isin(MAIN)]
-    made = list[Panel]()
+    with_lines = drawn(frame)
+    panels = list[Panel]()
     for scope in ("weighted", "novel", "known"):
-        for graph, rows in by_graph(shown[shown["scope"] == scope]):
-            made.append(lines(rows, "size", "MRR", titled(graph, SCOPES[str(scope)])))
-    return made
+        of_scope = with_lines[with_lines["scope"] == scope]
+        for graph, rows in by_graph(of_scope):
+            panels.append(lines(rows, "size", "MRR", titled(graph, TITLES[scope])))
+    return panels
 
 
 def directions(frame: pd.DataFrame) -> list[Panel]:
     """Entity prediction with the novel entity as the question, and as the answer."""
-    made = list[Panel]()
-    for column in ("novel entity given", "novel entity is the answer"):
+    xlabel = "entity prediction, MRR (points)"
+    panels = list[Panel]()
+    for column in DIRECTIONS.values():
         for graph, rows in by_graph(frame):
-            ordered = rows.sort_values("novel entity given", ascending=False)
-            xlabel = "entity prediction, MRR (points)"
-            made.append(
-                dots(ordered, "model", {column: column}, titled(graph, column), xlabel=xlabel)
-            )
-    return made
+            ordered = rows.sort_values(DIRECTIONS["given"], ascending=False)
+            title = titled(graph, column)
+            panels.append(dots(ordered, "model", {column: column}, title, xlabel=xlabel))
+    return panels
 
 
 def _curves(frame: pd.DataFrame, scopes: Sequence[str], y: str) -> list[Panel]:
     """Panels by epoch for each scope and graph; dotted: the joint model, in MRR."""
-    shown, made = frame[frame["model"].isin([*MAIN, "Nothing inserted"])], list[Panel]()
+    ylabel = "MRR (points)" if y == "MRR" else "change of MRR (points)"
+    with_lines = drawn(frame).dropna(subset=y)
+    panels = list[Panel]()
     for scope in scopes:
-        for graph, rows in by_graph(shown[shown["scope"] == scope].dropna(subset=y)):
-            joint, drawn = rows[rows["model"] == "Joint"], rows[rows["model"] != "Joint"]
-            level = ("Joint", float(joint[y].mean())) if y == "MRR" else None
-            ylabel = "MRR (points)" if y == "MRR" else "change of MRR (points)"
-            title = titled(graph, SCOPES[str(scope)])
-            made.append(lines(drawn, "epoch", y, title, ylabel=ylabel, level=level))
-    return made
+        of_scope = with_lines[with_lines["scope"] == scope]
+        for graph, rows in by_graph(of_scope):
+            is_joint = rows["model"] == "Joint"
+            level = ("Joint", float(rows.loc[is_joint, y].mean())) if y == "MRR" else None
+            title = titled(graph, TITLES[scope])
+            panels.append(lines(rows[~is_joint], "epoch", y, title, ylabel=ylabel, level=level))
+    return panels
 
 
 def figure3b(frame: pd.DataFrame) -> list[Panel]:
@@ -78,7 +94,7 @@ def figure3b(frame: pd.DataFrame) -> list[Panel]:
 
 def forgetting(frame: pd.DataFrame) -> list[Panel]:
     """The change of earlier knowledge since before the insertion."""
-    return _curves(frame, ("known", "known_closed"), "change")
+    return _curves(frame, EARLIER, "change")
 
 
 def figure4(frame: pd.DataFrame) -> list[Panel]:
@@ -89,7 +105,7 @@ def figure4(frame: pd.DataFrame) -> list[Panel]:
 def sensitivity(frame: pd.DataFrame) -> list[Panel]:
     """Figure 2a: the measure right after insertion by number of indicators."""
     return [
-        lines(rows, "indicators", "weighted: MRR", titled(graph, SCOPES["weighted"]))
+        lines(rows, "indicators", "weighted: MRR", titled(graph, TITLES["weighted"]))
         for graph, rows in by_graph(frame)
     ]
 
@@ -108,11 +124,11 @@ def figure1(frame: pd.DataFrame) -> list[Panel]:
     mean = float(known["distance"].mean())
     with_indicators = list(dict.fromkeys(frame.loc[frame["what"] == "indicator", "initializer"]))
     others = frame[~frame["initializer"].isin(with_indicators)]
-    made = [
-        places(pd.concat([known, frame[frame["initializer"] == name]]), name, mean)
-        for name in with_indicators
-    ]
-    return [*made, places(others, "Other initializers", mean)]
+    panels = list[Panel]()
+    for name in with_indicators:
+        of_initializer = frame[frame["initializer"] == name]
+        panels.append(places(pd.concat([known, of_initializer]), name, mean))
+    return [*panels, places(others, "Other initializers", mean)]
 
 
 def paper_results(frame: pd.DataFrame) -> list[Panel]:
@@ -124,30 +140,30 @@ def paper_results(frame: pd.DataFrame) -> list[Panel]:
     ]
 
 
-def by_row(frame: pd.DataFrame, row: str, columns: Mapping[str, str], title: str) -> Panel:
+#: Models of figures with a row for each graph.
+_FEW = ("Xavier", "Mean", "ERS", "MAP", "Joint")
+
+
+def by_row(frame: pd.DataFrame, row: str, models: Sequence[str], title: str) -> Panel:
     """Entity prediction with the novel entity given: a row for each model or graph, a mark for each
-    of some columns.
+    of some models and for each of a user's own.
     """
-    shown = {name: column for name, column in columns.items() if column in frame}
-    return dots(frame, row, shown, title, xlabel="entity MRR, novel entity given (points)")
+    names = [name for name in (*models, *labels_of("own")) if name in frame]
+    return _given(frame, row, dict(zip(names, names, strict=True)), title)
 
 
-#: Initializers of figures with a row for each graph.
-_FEW = {name: name for name in ("Xavier", "Mean", "ERS", "MAP", "Joint")}
+def _given(frame: pd.DataFrame, row: str, columns: Mapping[str, str], title: str) -> Panel:
+    return dots(frame, row, columns, title, xlabel="entity MRR, novel entity given (points)")
 
 
 def insert_triples(frame: pd.DataFrame) -> list[Panel]:
     """Entity MRR by the number of insert triples."""
-    columns = {name: name for name in ("ES", "ERS", "MAP")}
-    return [by_row(frame, "insert triples", columns, "Number of insert triples")]
+    return [by_row(frame, "insert triples", ("ES", "ERS", "MAP"), "Number of insert triples")]
 
 
 def embeddings(frame: pd.DataFrame) -> list[Panel]:
     """Entity MRR by embedding model, a panel for each graph."""
-    return [
-        by_row(rows, "embedding", _FEW, str(graph))
-        for graph, rows in frame.groupby("graph", sort=False)
-    ]
+    return [by_row(rows, "embedding", _FEW, str(graph)) for graph, rows in by_graph(frame)]
 
 
 def graphs(frame: pd.DataFrame) -> list[Panel]:
@@ -157,6 +173,6 @@ def graphs(frame: pd.DataFrame) -> list[Panel]:
 
 def strong(frame: pd.DataFrame) -> list[Panel]:
     """All initializers, sorted by entity MRR with the novel entity given."""
-    column = "novel entity given"
+    column = DIRECTIONS["given"]
     ordered = frame.sort_values(column, ascending=False)
-    return [by_row(ordered, "model", {"": column}, "Initializers")]
+    return [_given(ordered, "model", {"": column}, "Initializers")]

@@ -14,12 +14,12 @@ from jinja2.utils import htmlsafe_json_dumps
 from markdown_it import MarkdownIt
 from markupsafe import Markup
 
-from isi.evaluation.scopes import SCOPES
 from isi.tables.io import atomically, opening
 from stages.pipeline import missing
 from stages.report import charts, figures
 from stages.report.explorer import TEMPLATES, script
 from stages.report.items import BAR, PAGES, Page, ReportItem
+from stages.report.scopes import TITLES
 from stages.report.tables import forms
 from stages.report.tables.registry import write_files
 
@@ -30,7 +30,7 @@ QUESTIONS = {
     "hasMaterial": "What is it made of?",
 }
 #: Headers on the page, by header in files.
-HEADERS = {**SCOPES, "ours": "the paper's graph"}
+HEADERS = {**TITLES, "ours": "the paper's graph"}
 _MARKDOWN = MarkdownIt("zero").enable(["list", "link", "backticks", "emphasis"])
 
 
