@@ -1,15 +1,18 @@
 """Write the tables of the first pipeline, its plots and its headline numbers."""
 
 from isi.tables import paths
-from stages.report.tables import headlines
+from stages import check_params
+from stages.report.tables import headlines, registry
 from stages.report.tables.data import Results
-from stages.stage import StageContext, stage
+from stages.stage import stage
 
 
 @stage
-def tables(context: StageContext) -> None:
-    headlines.write(Results.read(context.params), paths.REPORTS)
-    print(f"tables: {paths.REPORTS / 'tables'}")
+def tables() -> None:
+    results, folder = Results.read(check_params.load()), paths.REPORTS / "tables"
+    registry.write("report", results, folder)
+    headlines.write(results, paths.REPORTS)
+    print(f"tables: {folder}")
 
 
 if __name__ == "__main__":

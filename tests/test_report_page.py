@@ -12,7 +12,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from stages.report import charts, figures, page
-from stages.report.items import BAR, PAGES
+from stages.report.page import BAR, pages
 from tests import committed
 
 ROOT = Path(__file__).parent.parent
@@ -23,12 +23,12 @@ OF_THIS_CODE = {"report": ("gains", "graph"), "beyond": ("strong_ai2thor", "held
 def is_run(name: str) -> bool:
     """Whether git has the tables of a run of this code; else it gets them with the next one."""
     table, column = OF_THIS_CODE[name]
-    path = ROOT / "reports" / PAGES[name].folder / "tables" / f"{table}.csv"
+    path = ROOT / "reports" / pages()[name].folder / "tables" / f"{table}.csv"
     return path.exists() and column in pd.read_csv(path, nrows=0)
 
 
 #: Pages whose tables this code made.
-RUN = [name for name in PAGES if is_run(name)]
+RUN = [name for name in pages() if is_run(name)]
 every_page = pytest.mark.parametrize("name", RUN)
 
 
@@ -61,14 +61,14 @@ class Ids(HTMLParser):
 
 
 def html_of(reports: Path, name: str) -> str:
-    return (reports / PAGES[name].folder / "index.html").read_text("utf-8")
+    return (reports / pages()[name].folder / "index.html").read_text("utf-8")
 
 
 @pytest.mark.parametrize("name", [name for name in RUN if name != "report"])
 def test_pages_in_git_are_those_that_their_tables_in_git_give(name: str, reports: Path) -> None:
     assert html_of(reports, name) == html_of(ROOT / "reports", name)
     drawn, kept = (
-        sorted(path.name for path in (folder / PAGES[name].folder / "figures").iterdir())
+        sorted(path.name for path in (folder / pages()[name].folder / "figures").iterdir())
         for folder in (reports, ROOT / "reports")
     )
     assert drawn == kept
@@ -76,7 +76,7 @@ def test_pages_in_git_are_those_that_their_tables_in_git_give(name: str, reports
 
 @every_page
 def test_every_link_leads_somewhere_and_ids_are_distinct(reports: Path, name: str) -> None:
-    folder = reports / PAGES[name].folder
+    folder = reports / pages()[name].folder
     parsed = Ids(html_of(reports, name))
     assert len(set(parsed.ids)) == len(parsed.ids)
     for link in parsed.links:
@@ -100,13 +100,13 @@ def test_a_page_needs_no_other_file_and_has_the_bar(reports: Path, name: str) ->
 
 
 def test_all_pages_together_are_small() -> None:
-    places = [ROOT / "reports" / about.folder / "index.html" for about in PAGES.values()]
+    places = [ROOT / "reports" / about.folder / "index.html" for about in pages().values()]
     assert sum(place.stat().st_size for place in places) <= 1_500_000
 
 
 @every_page
 def test_every_item_has_a_table_and_a_part(reports: Path, name: str) -> None:
-    about = PAGES[name]
+    about = pages()[name]
     parts = {part.id for part in about.parts}
     files = {path.stem for path in (reports / about.folder / "tables").glob("*.csv")}
     for item in about.items:
@@ -123,7 +123,7 @@ def test_the_values_of_figures_lie_within_their_panels(reports: Path, name: str)
     listed = re.findall(
         r'<script type="application/json">(\{"by".*?)</script>', html_of(reports, name)
     )
-    assert listed or not any(item.draw for item in PAGES[name].items)
+    assert listed or not any(item.draw for item in pages()[name].items)
     for text in listed:
         values = json.loads(text)
         places = [at for at, _, _ in values["places"]]

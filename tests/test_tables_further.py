@@ -8,7 +8,7 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from stages.report.tables.data import Experiment, Models
+from stages.report.tables.data import Experiment, ModelLabels
 from stages.report.tables.estimates import ENDS
 from stages.report.tables.further import Further, VariantRuns
 from stages.report.tables.registry import frames_of
@@ -26,7 +26,7 @@ LABELS = {
     "map": "MAP",
     "joint": "Joint",
 }
-MODELS = Models(LABELS, dict.fromkeys(("es", "rs", "ers"), "isi"))
+MODELS = ModelLabels(LABELS, dict.fromkeys(("es", "rs", "ers"), "isi"))
 ENTITIES = pd.DataFrame(
     [
         ("mug", "object", "mug"),

@@ -12,8 +12,8 @@ import yaml
 from matplotlib.colors import to_rgb
 
 from stages.report import charts
-from stages.report.tables import headlines, method, paper, results
-from stages.report.tables.data import Experiment, Models
+from stages.report.tables import affordances, headlines, method, paper, results
+from stages.report.tables.data import Experiment, ModelLabels
 from stages.report.tables.estimates import MEASURES
 from stages.report.tables.statistics import ISI, Statistics, best_indicators
 
@@ -36,7 +36,7 @@ LABELS = {
     "joint": "Joint",
     "finetune_only": "Nothing inserted",
 }
-MODELS = Models(LABELS, dict.fromkeys(("es", "rs"), "isi") | {"xavier": "paper"})
+MODELS = ModelLabels(LABELS, dict.fromkeys(("es", "rs"), "isi") | {"xavier": "paper"})
 ENTITIES = pd.DataFrame(
     [
         ("shelf", "object", "home"),
@@ -96,12 +96,12 @@ def test_rows_follow_the_order_of_models_and_scopes() -> None:
     rows = [(model, scope, 0, 0, 0.5) for model in ("joint", "es", "xavier") for scope in "ab"]
     experiment = home(runs(rows))
     means = runs(rows).groupby(["scope", "model"])[["mrr"]].mean()
-    table = results.in_rows(means, MODELS, experiment.rows, scope=["b", "a"])
+    table = MODELS.in_rows(means, experiment.rows, scope=["b", "a"])
     assert table[["scope", "model"]].to_numpy().tolist() == [
         [scope, label] for scope in "ba" for label in ("Xavier", "ES", "Joint")
     ]
-    shown = results.by_label(
-        MODELS, ["es", "rs"], {"n": {"rs": 2}, "g": means.loc["a"], "": means.loc["b"]}, "who"
+    shown = MODELS.by_label(
+        ["es", "rs"], {"n": {"rs": 2}, "g": means.loc["a"], "": means.loc["b"]}, "who"
     )
     assert list(shown) == ["who", "n", "g: mrr", "mrr"]
     assert shown["who"].tolist() == ["ES", "RS"]
@@ -225,7 +225,7 @@ def answers(orders: Mapping[tuple[str, int], Sequence[int]], afforded: Mapping[s
     experiment = SimpleNamespace(
         name="home",
         title="the home",
-        analysis=lambda _: ranks,
+        affordances=ranks,
         entities=ENTITIES,
         triples=triples,
         settings=SimpleNamespace(graph=SimpleNamespace(source="home")),
@@ -257,14 +257,14 @@ def test_answers_go_by_mean_rank_and_those_of_another_kind_are_marked(
     afforded: Mapping[str, Any], marked: str
 ) -> None:
     made = answers(ORDERS, afforded)
-    found = results.answers_of(made, made.experiments[0])
+    found = affordances.answers_of(made, made.experiments[0])
     assert found
     # means: open 1.5, push 2, shelf 3, kitchen 4.5; the fan is of the other source and no answer
     kinds = {"open": "affordance", "push": "affordance", "shelf": "object", "kitchen": "room"}
     assert found.top("es", "fan") == list(kinds.items())
     assert found.top("rs", "fan")[0] == ("kitchen", "room")
     assert found.top("es", "stove") == []
-    table = frame(results.table3_affordances(made))
+    table = frame(affordances.table3_affordances(made))
     assert table["ES"].tolist() == ["open", marked, "× shelf", "× kitchen"]
     assert table["paper: ES"].tolist() == ["× shelf", "open", "–", "–"]
 
@@ -393,11 +393,11 @@ def test_each_result_of_the_paper_has_a_row_and_what_is_outside_is_listed() -> N
             for epoch in (range(5) if name != "joint" else [0])
         ]
     )
-    labels = Models({**LABELS, "iu": "IU", "ers": "ERS"}, MODELS.roles)
+    labels = ModelLabels({**LABELS, "iu": "IU", "ers": "ERS"}, MODELS.roles)
     experiment = home(rows, finetuned=["xavier", "es"])
     params = SimpleNamespace(sweep=SimpleNamespace(initializers={}))
     made = of(experiment, params=params, paper=PRINTED, models=labels)
-    experiment.__dict__.update(swept=lambda *_: None)
+    experiment.__dict__.update(sweep=None)
     table = frame(paper.paper_results(made)).set_index(["kind", "whose"])
     assert len(table) == 1 + 1 + 1 + 2 + 3 + 1 + 1 + 1 + 1
     gain = table.loc["gain over Xavier (%)", "ES"]
@@ -495,7 +495,7 @@ def test_cross_validation_marks_the_choices_and_gives_the_spread_over_folds(
     rows = folds((0.4, 0.7), second, (0.5, 0.5))
     dumped = [SimpleNamespace(model_dump=lambda setting=setting: setting) for setting in SETTINGS]
     made = of(
-        SimpleNamespace(analysis=lambda _: rows),
+        SimpleNamespace(folds=rows),
         params=SimpleNamespace(settings=dumped),
         paper={"training": SETTINGS[1]},
     )

@@ -1,32 +1,21 @@
-"""What each figure shows: a function from the table of a figure to its panels."""
+"""What each figure shows: a function from the table of a figure to its panels.
+
+Models are in the order of their table. An initializer of your own is in every figure of models.
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import pandas as pd
 
-from isi.initializers.api import INITIALIZERS
 from stages.report.charts import PALETTE, Panel, bars, dots, lines, places
 from stages.report.scopes import DIRECTIONS, EARLIER, TITLES
-
-#: Roles of initializers that every figure of lines shows.
-DRAWN = ("paper", "isi", "own")
-#: Models without an initializer: the joint model, and Θ⁰ that is fine-tuned.
-_OTHERS = ("Joint", "Nothing inserted")
+from stages.report.tables.forms import estimates, is_number
 
 
-def labels_of(*roles: str) -> list[str]:
-    """The labels of the registered initializers with one of some roles."""
-    registered = [INITIALIZERS.get(name) for name in INITIALIZERS.names()]
-    return [each.label for each in registered if each.role in roles]
-
-
-def drawn(frame: pd.DataFrame) -> pd.DataFrame:
-    """The rows of models that have a line: initializers with a role of ``DRAWN``, those that
-    ``palette.yaml`` lists beside them, and models without an initializer.
-    """
-    names = [*labels_of(*DRAWN), *PALETTE["lines"], *_OTHERS]
-    return frame[frame["model"].isin(names)]
+def with_lines(frame: pd.DataFrame) -> pd.DataFrame:
+    """The rows of models that have a line: all but those that ``palette.yaml`` leaves to tables."""
+    return frame[~frame["model"].isin(PALETTE["without_line"])]
 
 
 def titled(graph: Any, about: str) -> str:
@@ -51,10 +40,10 @@ def answer(frame: pd.DataFrame) -> list[Panel]:
 
 def figure3a(frame: pd.DataFrame) -> list[Panel]:
     """The measure by number of novel entities, on each graph: weighted, then by group."""
-    with_lines = drawn(frame)
+    shown = with_lines(frame)
     panels = list[Panel]()
     for scope in ("weighted", "novel", "known"):
-        of_scope = with_lines[with_lines["scope"] == scope]
+        of_scope = shown[shown["scope"] == scope]
         for graph, rows in by_graph(of_scope):
             panels.append(lines(rows, "size", "MRR", titled(graph, TITLES[scope])))
     return panels
@@ -75,10 +64,10 @@ def directions(frame: pd.DataFrame) -> list[Panel]:
 def _curves(frame: pd.DataFrame, scopes: Sequence[str], y: str) -> list[Panel]:
     """Panels by epoch for each scope and graph; dotted: the joint model, in MRR."""
     ylabel = "MRR (points)" if y == "MRR" else "change of MRR (points)"
-    with_lines = drawn(frame).dropna(subset=y)
+    shown = with_lines(frame).dropna(subset=y)
     panels = list[Panel]()
     for scope in scopes:
-        of_scope = with_lines[with_lines["scope"] == scope]
+        of_scope = shown[shown["scope"] == scope]
         for graph, rows in by_graph(of_scope):
             is_joint = rows["model"] == "Joint"
             level = ("Joint", float(rows.loc[is_joint, y].mean())) if y == "MRR" else None
@@ -146,10 +135,12 @@ _FEW = ("Xavier", "Mean", "ERS", "MAP", "Joint")
 
 def by_row(frame: pd.DataFrame, row: str, models: Sequence[str], title: str) -> Panel:
     """Entity prediction with the novel entity given: a row for each model or graph, a mark for each
-    of some models and for each of a user's own.
+    of some models and for each that the palette does not name.
     """
-    names = [name for name in (*models, *labels_of("own")) if name in frame]
-    return _given(frame, row, dict(zip(names, names, strict=True)), title)
+    numbers = [name for name in estimates(frame) if is_number(frame[name])]
+    own = [name for name in numbers if name not in PALETTE["models"]]
+    shown = [name for name in models if name in frame] + own
+    return _given(frame, row, dict(zip(shown, shown, strict=True)), title)
 
 
 def _given(frame: pd.DataFrame, row: str, columns: Mapping[str, str], title: str) -> Panel:

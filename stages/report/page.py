@@ -1,4 +1,6 @@
-"""A page of the report, drawn from the tables alone: figures as files, and one HTML file."""
+"""A page of the report, drawn from the tables alone: figures as files, and one HTML file. What it
+shows is in ``items.yaml``.
+"""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -6,22 +8,25 @@ from dataclasses import dataclass
 from functools import cache, partial
 from itertools import groupby
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 from jinja2.utils import htmlsafe_json_dumps
 from markdown_it import MarkdownIt
 from markupsafe import Markup
+from pydantic import Field
 
+from isi import config
+from isi.config import Section, check_names
+from isi.errors import at
 from isi.tables.io import atomically, opening
 from stages.pipeline import missing
 from stages.report import charts, figures
 from stages.report.explorer import TEMPLATES, script
-from stages.report.items import BAR, PAGES, Page, ReportItem
 from stages.report.scopes import TITLES
 from stages.report.tables import forms
-from stages.report.tables.registry import write_files
+from stages.report.tables.registry import check_name, write_files
 
 #: Questions about an entity, by relation of which it is the head.
 QUESTIONS = {
@@ -31,7 +36,87 @@ QUESTIONS = {
 }
 #: Headers on the page, by header in files.
 HEADERS = {**TITLES, "ours": "the paper's graph"}
+#: Entries of the bar on top of all pages: title and place below ``reports``.
+BAR = {
+    "Start": "index.html",
+    "Try": "index.html#try",
+    "Results": "index.html#results",
+    "The paper": "index.html#paper",
+    "Further": "beyond/index.html",
+    "Method": "index.html#method",
+    "Library": "../README.md",
+}
+_ITEMS = Path(__file__).with_name("items.yaml")
 _MARKDOWN = MarkdownIt("zero").enable(["list", "link", "backticks", "emphasis"])
+
+
+# What pages show (items.yaml)
+
+
+class ReportItem(Section):
+    """A table or, with ``draw``, a figure of a page."""
+
+    name: str  #: of its files, and of the CSV from which it is made
+    title: str
+    caption: str = ""
+    part: str = ""  #: of the page; empty: files alone
+    draw: str = ""  #: the function of ``figures`` that draws it
+    table: str = ""  #: of a figure: the CSV from which it is drawn, if of another name
+    #: shown on the page; empty: all
+    columns: Annotated[list[str], Field(default_factory=list)]
+    closed: bool = False  #: whether it is folded at first
+    panels: int = 0  #: number of panels that the page shows; 0: all
+
+    @property
+    def source(self) -> str:
+        """The name of its CSV."""
+        return self.table or self.name
+
+
+class Part(Section):
+    """A part of a page."""
+
+    id: str
+    title: str
+    closed: bool = False
+
+
+class Page(Section):
+    """A page: its folder below ``reports``, its title, parts and items."""
+
+    folder: str
+    title: str
+    lead: str
+    parts: list[Part]
+    items: list[ReportItem]
+    foot: list[str]
+
+
+@cache
+def pages() -> dict[str, Page]:
+    """All pages by name; ``InputError`` names the item whose part or figure does not exist."""
+    by_name = config.check(config.read(_ITEMS), dict[str, Page], "", _ITEMS)
+    with at(_ITEMS):
+        for name, page in by_name.items():
+            parts = ["", *(part.id for part in page.parts)]
+            for item in page.items:
+                key = f"{name}.items.{item.name}"
+                check_names([item.part], parts, f"{key}.part")
+                check_names([item.draw], ["", *_drawings()], f"{key}.draw")
+    return by_name
+
+
+def _drawings() -> list[str]:
+    """The names of the functions of ``figures``."""
+    functions = vars(figures).items()
+    return [
+        name
+        for name, function in functions
+        if getattr(function, "__module__", "") == figures.__name__
+    ]
+
+
+# What a page shows of a table
 
 
 @dataclass(frozen=True)
@@ -118,25 +203,31 @@ class Rendered:
             yield Markup(text), values, panel.title  # noqa: S704
 
     def files(self) -> Mapping[str, bytes]:
-        """The files of a figure, by name."""
-        made = charts.files(self.panels).items()
-        return {f"{self.item.name}.{form}": content for form, content in made}
+        """The files of a figure, by name; none of a table."""
+        by_form = charts.files(self.panels) if self.panels else {}
+        return {f"{self.item.name}.{form}": content for form, content in by_form.items()}
 
 
 def write(name: str, reports: Path, demonstration: Path | None = None) -> Path:
     """Write a page and its figures from its tables below ``reports``, each file atomically.
 
-    ``demonstration``: what the picture and the explorer show. Items without data are left out.
+    ``demonstration``: what the picture and the explorer show. Items without data are left out; an
+    ``InputError`` names an item whose table no function gives.
     """
-    page = PAGES[name]
+    page = pages()[name]
     folder = reports / page.folder
     if not (folder / "tables").is_dir():
         raise missing(folder / "tables")
     tables = PageTables(folder / "tables")
-    items = [made for item in page.items if (made := rendered(item, tables))]
-    drawings = dict[str, bytes]()
-    for made in items:
-        drawings |= made.files() if made.panels else {}
+    items, drawings = list[Rendered](), dict[str, bytes]()
+    for item in page.items:
+        frame = tables.get(item.source)
+        if frame is None:
+            with at(_ITEMS):
+                check_name(name, item.source, f"{name}.items.{item.name}")
+        elif len(frame):
+            items.append(rendered(item, frame))
+            drawings |= items[-1].files()
     # DVC wants the folder where no table has a figure, too
     (folder / "figures").mkdir(parents=True, exist_ok=True)
     write_files(folder / "figures", drawings)
@@ -147,11 +238,8 @@ def write(name: str, reports: Path, demonstration: Path | None = None) -> Path:
     return place
 
 
-def rendered(item: ReportItem, tables: PageTables) -> Rendered | None:
-    """An item with its data; None where there are none."""
-    frame = tables.get(item.source)
-    if frame is None or not len(frame):
-        return None
+def rendered(item: ReportItem, frame: pd.DataFrame) -> Rendered:
+    """An item with the data of its table."""
     if item.draw:
         return Rendered(item, panels=tuple(getattr(figures, item.draw)(frame)))
     return Rendered(item, shown_table(frame, item.columns))
@@ -163,8 +251,8 @@ def shown_table(frame: pd.DataFrame, only: Any = ()) -> ShownTable:
     for name, cells in texts.items():
         if only and name not in only:
             continue
-        given = "" if name.startswith("Unnamed: ") else name  # pandas' for an empty one
-        group, _, title = given.rpartition(": ")
+        header = "" if name.startswith("Unnamed: ") else name  # pandas' for an empty one
+        group, _, title = header.rpartition(": ")
         if any(other.startswith(f"{name}: ") for other in texts):
             group, title = name, "here"
         is_text = not forms.is_number(frame[name]) and not frame[name].isna().all()
@@ -173,10 +261,8 @@ def shown_table(frame: pd.DataFrame, only: Any = ()) -> ShownTable:
     return ShownTable(columns)
 
 
-def html(
-    name: str, page: Page, items: list[Rendered], tables: PageTables, shown: Mapping[str, Any]
-) -> str:
-    """The HTML of a page."""
+def _environment() -> Environment:
+    """The templates of pages."""
     environment = Environment(
         loader=PackageLoader("stages.report"),
         autoescape=select_autoescape(),
@@ -185,6 +271,14 @@ def html(
         lstrip_blocks=True,
     )
     environment.filters["json"] = _json
+    return environment
+
+
+def html(
+    name: str, page: Page, items: list[Rendered], tables: PageTables, shown: Mapping[str, Any]
+) -> str:
+    """The HTML of a page."""
+    environment = _environment()
 
     def prose(part: str) -> Markup:
         path = TEMPLATES / "prose" / name / f"{part}.md"
@@ -202,16 +296,12 @@ def html(
     bar = {title: f"{up}{place}" for title, place in BAR.items()}
     picture = shown.get("picture")
     explorer = shown.get("explorer")
-    parts = [
-        part
-        for part in page.parts
-        if (part.id == "try" and explorer) or any(made.item.part == part.id for made in items)
-    ]
+    filled = {rendered.item.part for rendered in items} | ({"try"} if explorer else set())
     return environment.get_template("page.html").render(
         page=page,
         bar=bar,
         here=f"{up}{here}",
-        parts=parts,
+        parts=[part for part in page.parts if part.id in filled],
         items=items,
         picture=picture,
         explorer=explorer,

@@ -4,71 +4,59 @@ One frame has the runs of an experiment, of a variant or of another graph: colum
 seed, epoch, scope, the measures in [0, 1] and the number of queries.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import pandas as pd
 
 from isi import config
 from isi.evaluation.query_sets import epochs_to_convergence
-from isi.evaluation.scopes import SCOPES
+from isi.initializers.api import INITIALIZERS
 from isi.tables import paths
-from isi.tables.io import opening
-from isi.tables.table import as_text
+from isi.tables.table import Table
+from stages.breakdown import QUERY_BREAKDOWN
+from stages.check_params import ExperimentOf, Params
+from stages.cross_validate import CROSS_VALIDATION
+from stages.files import ENTITIES, TRIPLES
+from stages.finetune_only import FINETUNE_ONLY
+from stages.grid import JOINT_MODEL, is_listed
+from stages.rank_affordances import AFFORDANCES
+from stages.report.scopes import DIRECTIONS
 from stages.report.tables.estimates import (
     CELL,
-    Names,
     cells_of,
     combined,
     difference,
     over_seeds,
+    under,
     where,
 )
 from stages.report.tables.statistics import Statistics
+from stages.store import MEASURE_CHANGES, RUNS
+from stages.sweep_indicators import INDICATOR_SWEEP
 
-if TYPE_CHECKING:
-    from stages.check_params import ExperimentOf, Params
-
-JOINT = "joint"
-#: The model without insertion: Θ⁰, fine-tuned.
-FINETUNE_ONLY = "finetune_only"
-#: Role of the novel entity in a query of scope ``novel``, with its title.
-DIRECTIONS = {"given": "novel entity given", "answer": "novel entity is the answer"}
-#: Titles of all that is measured right after insertion.
-TITLES = {**SCOPES, **DIRECTIONS}
+#: Name of Θ⁰ that is fine-tuned without insertion, in place of an initializer's.
+NOT_INSERTED = "finetune_only"
 #: The source whose graph is the paper's own.
 PAPERS_SOURCE = "published"
 
 
-def read(path: str | Path) -> pd.DataFrame:
-    """A Parquet table with plain strings; ``InputError`` if it is missing or broken."""
-    with opening(Path(path), "a Parquet table", ValueError):
-        frame = pd.read_parquet(path)
-    return as_text(frame)
-
-
 @dataclass(frozen=True, eq=False)
-class Models:
+class ModelLabels:
     """Labels and roles of initializers and of the other models, by name."""
 
     labels: Mapping[str, str]
     roles: Mapping[str, str]
 
     @classmethod
-    def of(cls, registered: pd.DataFrame) -> Self:
-        """From a table with columns name, label and role."""
-        rows = registered.set_index("name").astype(str)
-        others = {JOINT: "Joint", FINETUNE_ONLY: "Nothing inserted"}
-        return cls(others | dict(rows["label"]), dict(rows["role"]))
-
-    @classmethod
-    def read(cls, path: Path) -> Self:
-        """From the file of the pipeline."""
-        with opening(path, "a table of initializers", ValueError):
-            return cls.of(pd.read_csv(path))
+    def registered(cls) -> Self:
+        """Those of all registered initializers."""
+        initializers = {name: INITIALIZERS.get(name) for name in INITIALIZERS.names()}
+        labels = {JOINT_MODEL: "Joint", NOT_INSERTED: "Nothing inserted"}
+        labels |= {name: each.label for name, each in initializers.items()}
+        return cls(labels, {name: each.role for name, each in initializers.items()})
 
     def of_role(self, models: Iterable[str], *roles: str) -> list[str]:
         """The models among some with one of the roles, in order."""
@@ -79,6 +67,40 @@ class Models:
         shown = {name: frame[name].astype(object).replace(self.labels) for name in columns}
         return frame.assign(**shown)
 
+    def in_rows(
+        self,
+        means: pd.DataFrame,
+        models: Sequence[str],
+        header: str = "model",
+        **orders: Sequence[str],
+    ) -> pd.DataFrame:
+        """Means by group (index levels) as rows of a table, in the order of the models and of
+        ``orders``, by level.
+        """
+        orders = {"model": models, **orders}
+        frame = where(means.reset_index(), **{name: list(order) for name, order in orders.items()})
+        for name, order in orders.items():
+            frame[name] = pd.Categorical(frame[name], list(order))
+        frame = frame.sort_values(list(map(str, means.index.names)))
+        frame = self.labelled(frame, "model")
+        return frame.rename(columns={"model": header}).reset_index(drop=True)
+
+    def by_label(
+        self, models: Iterable[str], columns: Mapping[str, Any], header: str = "model"
+    ) -> pd.DataFrame:
+        """A row for each model: its label, then columns of values by model; a frame gives all its
+        columns, under its name if this is not empty.
+        """
+        models = list(models)
+        parts: list[Any] = [pd.Series(self.labels, name=header).reindex(models)]
+        for name, values in columns.items():
+            if isinstance(values, pd.DataFrame):
+                parts.append(under(values.reindex(models), name))
+            else:
+                parts.append(pd.Series(values, dtype=float).reindex(models).rename(name))
+        joined: pd.DataFrame = pd.concat(parts, axis=1).reset_index(drop=True)
+        return joined
+
 
 @dataclass(frozen=True, eq=False)
 class Runs:
@@ -86,7 +108,7 @@ class Runs:
 
     name: str
     title: str
-    models: Models
+    models: ModelLabels
     initializers: list[str]
     runs: pd.DataFrame
     queries: pd.DataFrame | None  #: the query breakdown; None where it was not run
@@ -103,7 +125,7 @@ class Runs:
     @property
     def rows(self) -> list[str]:
         """The initializers, then the joint model."""
-        return [*self.initializers, JOINT]
+        return [*self.initializers, JOINT_MODEL]
 
     @property
     def methods(self) -> list[str]:
@@ -125,7 +147,7 @@ class Runs:
         """``epochs_to_convergence`` of runs, of the first ``seeds`` alone; ``joint``: the joint
         models' measures, if they are others.
         """
-        target = where(self.runs, model=JOINT) if joint is None else joint
+        target = where(self.runs, model=JOINT_MODEL) if joint is None else joint
         rows = runs if seeds is None else runs[runs["seed"] < seeds]
         return epochs_to_convergence(rows, target, self.margin, self.max_epochs, by)
 
@@ -181,66 +203,84 @@ class Runs:
 class Experiment(Runs):
     """The runs of one experiment of params, with its other tables."""
 
-    params: "Params | Any" = None
+    params: Params | Any = None
 
     @classmethod
-    def read(cls, params: "Params", models: Models, name: str) -> Self:
+    def read(cls, params: Params, models: ModelLabels, name: str) -> Self:
         """The tables of an experiment; ``InputError`` where one is missing or broken."""
         of_experiment, initializers = params.of(name), params.initializers_of(name)
         settings = params.experiments[name]
-        listed = settings.finetuned.initializers
-        breakdown = f"data/analyses/query_breakdown/{name}/{{}}.parquet"
+        finetuned = settings.finetuned.initializers
+        rows = [*initializers, JOINT_MODEL]
         return cls(
             name=name,
             title=settings.title,
             models=models,
             initializers=initializers,
-            runs=of_models(f"data/runs/{name}/{{}}.parquet", [*initializers, JOINT]),
-            queries=of_models(breakdown, [*initializers, JOINT]),
+            runs=of_models(RUNS, rows, experiment=name),
+            queries=of_models(QUERY_BREAKDOWN, rows, experiment=name),
             margin=of_experiment.convergence.margin,
             max_epochs=of_experiment.finetuning.max_epochs,
-            finetuned=[each for each in initializers if listed == "all" or each in listed],
+            finetuned=[each for each in initializers if is_listed(finetuned, each)],
             finetuned_seeds=settings.finetuned.seeds,
             params=params,
         )
 
     @property
-    def settings(self) -> "ExperimentOf":
+    def settings(self) -> ExperimentOf:
         """The entry of the experiment in params."""
         settings: ExperimentOf = self.params.experiments[self.name]
         return settings
 
-    def table(self, place: str) -> pd.DataFrame:
-        """A table of the experiment; ``{}`` in its place stands for the name."""
-        return read(place.format(self.name))
-
-    def analysis(self, section: str) -> pd.DataFrame | None:
-        """The results of an analysis of one file; None where it was not run for this experiment."""
-        study = self.params.studies[section]
-        if self.name not in study.experiments:
-            return None
-        return read(f"data/analyses/{section}/{self.name}.parquet")
-
-    def swept(self, section: str, folder: str, names: Names) -> pd.DataFrame | None:
-        """The same for an analysis with a file for each initializer."""
-        if self.name not in self.params.studies[section].experiments:
-            return None
-        return of_models(f"data/analyses/{folder}/{self.name}/{{}}.parquet", names)
+    def is_in(self, section: str) -> bool:
+        """Whether a study of params lists the experiment."""
+        return self.name in self.params.studies[section].experiments
 
     @cached_property
     def changes(self) -> pd.DataFrame | None:
         """The measure with one part changed at a time; None where it was not run."""
-        return self.swept("measure_changes", "measure", self.rows)
+        if not self.is_in("measure_changes"):
+            return None
+        return of_models(MEASURE_CHANGES, self.rows, experiment=self.name)
+
+    @cached_property
+    def sweep(self) -> pd.DataFrame | None:
+        """The runs of the sweep of indicator set sizes, with a column k; None where it was not
+        run.
+        """
+        if not self.is_in("sweep"):
+            return None
+        initializers = list(self.params.sweep.initializers)
+        return of_models(INDICATOR_SWEEP, initializers, "initializer", experiment=self.name)
+
+    @cached_property
+    def finetuned_alone(self) -> pd.DataFrame | None:
+        """Runs of Θ⁰ that is fine-tuned without insertion; None where it was not run."""
+        if not self.is_in("finetune_only"):
+            return None
+        return FINETUNE_ONLY.read_text(experiment=self.name)
+
+    @cached_property
+    def affordances(self) -> pd.DataFrame | None:
+        """Ranks of the answers about inserted entities; None where they were not ranked."""
+        return AFFORDANCES.read_text(experiment=self.name) if self.is_in("affordances") else None
+
+    @cached_property
+    def folds(self) -> pd.DataFrame | None:
+        """The measures of each setting by fold; None where cross-validation was not run."""
+        if not self.is_in("cross_validation"):
+            return None
+        return CROSS_VALIDATION.read_text(experiment=self.name)
 
     @cached_property
     def entities(self) -> pd.DataFrame:
         """The entities; row numbers are ids."""
-        return self.table("data/graph/{}/entities.parquet")
+        return ENTITIES.read_text(experiment=self.name)
 
     @cached_property
     def triples(self) -> pd.DataFrame:
         """The unique triples with their counts."""
-        return self.table("data/graph/{}/triples.parquet")
+        return TRIPLES.read_text(experiment=self.name)
 
     @property
     def curve_size(self) -> int | None:
@@ -252,37 +292,44 @@ class Experiment(Runs):
         """Runs at ``curve_size`` that are fine-tuned, of the joint model at the same seeds, and of
         Θ⁰ that is fine-tuned without insertion; empty without any.
         """
-        rows = where(self.runs, size=self.curve_size, model=[*self.finetuned, JOINT])
+        rows = where(self.runs, size=self.curve_size, model=[*self.finetuned, JOINT_MODEL])
         if self.finetuned_seeds is not None:
             rows = rows[rows["seed"] < self.finetuned_seeds]
         if not self.finetuned or rows.empty:
             return rows.head(0)
-        alone = self.analysis("finetune_only")
-        if alone is None:
+        if self.finetuned_alone is None:
             return rows
-        alone = where(alone, size=self.curve_size, scope="known_closed")
-        return pd.concat([rows, alone.assign(model=FINETUNE_ONLY)], ignore_index=True)
+        alone = where(self.finetuned_alone, size=self.curve_size, scope="known_closed")
+        return pd.concat([rows, alone.assign(model=NOT_INSERTED)], ignore_index=True)
 
 
-def of_models(place: str, names: Names) -> pd.DataFrame:
-    """The files of some models below each other; the column ``model`` has the name."""
-    return pd.concat([read(place.format(name)).assign(model=name) for name in names])
+def of_models(
+    table: Table, models: Sequence[str], argument: str = "model", **names: str
+) -> pd.DataFrame:
+    """The files of a table of some models below each other; the column ``model`` has the name.
+    ``argument``: that of the model in the path of the table.
+    """
+    parts = list[pd.DataFrame]()
+    for model in models:
+        rows = table.read_text(**names, **{argument: model})
+        parts.append(rows.assign(model=model))
+    return pd.concat(parts)
 
 
 @dataclass(frozen=True, eq=False)
 class Results:
     """All experiments of params, with the paper's numbers."""
 
-    params: "Params"
+    params: Params
     paper: Mapping[str, Any]
     vocabulary: Mapping[str, Any]
-    models: Models
+    models: ModelLabels
     experiments: list[Experiment]
 
     @classmethod
-    def read(cls, params: "Params") -> Self:
+    def read(cls, params: Params) -> Self:
         """Read what all tables need; the rest is read when it is needed."""
-        models = Models.read(paths.DATA / "analyses" / "initializers.csv")
+        models = ModelLabels.registered()
         experiments = [Experiment.read(params, models, name) for name in params.experiments]
         paper = config.read(paths.PAPER)
         vocabulary = config.read(paths.PAPER.with_name("vocabulary.yaml"))
@@ -302,11 +349,10 @@ class Results:
         """The first experiment on the paper's own graph, or on another one; ``extended``: that
         inserts entities of a second source.
         """
-        listed = self.extended if extended else self.standalone
-        of_graph = (
-            each for each in listed if (each.settings.graph.source == PAPERS_SOURCE) == papers
-        )
-        return next(of_graph, None)
+        for experiment in self.extended if extended else self.standalone:
+            if (experiment.settings.graph.source == PAPERS_SOURCE) == papers:
+                return experiment
+        return None
 
     def transfer_of(self, experiment: Experiment) -> Experiment | None:
         """The first experiment that extends the graph of another one."""

@@ -12,8 +12,7 @@ import numpy as np
 import pandas as pd
 from scipy.special import stdtr, stdtrit
 
-Names = Sequence[str]  #: Of models, scopes or columns, in order.
-Line = dict[str, Any]  #: A row of a table, by column.
+TableRow = dict[str, Any]  #: A row of a table, by column.
 Estimate = tuple[float, float, float]  #: A value and the bounds of its interval.
 BASELINE = "xavier"  #: The paper's baseline, the reference of all gains.
 #: Columns that identify a run of an initializer.
@@ -32,13 +31,13 @@ ENDS = ("", " low", " high")
 def where(rows: pd.DataFrame, **values: Any) -> pd.DataFrame:
     """The rows with these values in their columns; a list or tuple: any of them."""
     for column, value in values.items():
-        listed = value if isinstance(value, list | tuple) else [value]
-        rows = rows[rows[column].isin(listed)]
+        any_of = value if isinstance(value, list | tuple) else [value]
+        rows = rows[rows[column].isin(any_of)]
     return rows
 
 
 def over_seeds(
-    rows: pd.DataFrame, by: Names, columns: Mapping[str, str], scale: float = 100.0
+    rows: pd.DataFrame, by: Sequence[str], columns: Mapping[str, str], scale: float = 100.0
 ) -> pd.DataFrame:
     """Means × ``scale`` of ``columns`` (name to new name) by group, with intervals over seeds.
 
@@ -96,7 +95,7 @@ def jackknife(values: np.ndarray) -> Estimate:
     return value, value - around, value + around
 
 
-def combined(rows: pd.DataFrame, by: Names, measure: str = "mrr") -> pd.DataFrame:
+def combined(rows: pd.DataFrame, by: Sequence[str], measure: str = "mrr") -> pd.DataFrame:
     """A measure of the queries of each group, with its halves, in [0, 1] (equation 7).
 
     The entity half is a mean over relations, weighted by observations, of the mean over a
@@ -136,13 +135,15 @@ def difference(first: pd.Series, second: pd.Series) -> dict[str, float]:
     }
 
 
-def compare(measures: Mapping[str, pd.DataFrame], models: Names, first: Names) -> pd.DataFrame:
+def compare(
+    measures: Mapping[str, pd.DataFrame], models: Sequence[str], first: Sequence[str]
+) -> pd.DataFrame:
     """All pairs of models in each measure (a frame with a row for each run and a column for each
     model), with Holm's correction within a measure; models in ``first`` come first in a pair.
     """
-    rows = list[Line]()
+    rows = list[TableRow]()
     for measure, cells in measures.items():
-        of_measure = list[Line]()
+        of_measure = list[TableRow]()
         for pair in combinations(models, 2):
             left, right = sorted(pair, key=lambda name: name not in first)
             names = {"measure": measure, "first": left, "second": right}
@@ -167,7 +168,7 @@ def holm(p: np.ndarray) -> np.ndarray:
     return np.where(np.isnan(p), np.nan, corrected)
 
 
-def epochs_summary(convergence: pd.DataFrame, by: Names) -> pd.DataFrame:
+def epochs_summary(convergence: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
     """Epochs to convergence by group, in both forms of the authors' program: of all runs, with the
     limit for those that do not end; of the runs that end. Then the number that do not, and of all.
     """
@@ -185,7 +186,7 @@ def epochs_summary(convergence: pd.DataFrame, by: Names) -> pd.DataFrame:
     return summary
 
 
-def cells_of(rows: pd.DataFrame, models: Names, scope: str, column: str) -> pd.DataFrame:
+def cells_of(rows: pd.DataFrame, models: Sequence[str], scope: str, column: str) -> pd.DataFrame:
     """Values of ``column`` in a scope: a row for each size and seed, a column for each model."""
     shown = where(rows, scope=scope)
     return shown.pivot(index=CELL, columns="model", values=column).reindex(columns=list(models))

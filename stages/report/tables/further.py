@@ -4,20 +4,19 @@ graphs.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from itertools import chain
+from typing import Any, Self
 
 import numpy as np
 import pandas as pd
 
-from stages.report.tables.data import Experiment, Models, Runs, read
-from stages.report.tables.estimates import BASELINE, Line, difference, named, where, wide
-from stages.report.tables.registry import Frames, table
-from stages.report.tables.results import by_label
-
-if TYPE_CHECKING:
-    from stages.check_params import Beyond, Params
-    from stages.vary import Variant
+from stages.check_params import Beyond, Params
+from stages.explore import GRAPH_ENTITIES, GRAPH_QUERIES, GRAPH_RUNS, GRAPH_TRIPLES
+from stages.report.scopes import DIRECTIONS
+from stages.report.tables.data import Experiment, ModelLabels, Runs
+from stages.report.tables.estimates import BASELINE, TableRow, difference, named, where, wide
+from stages.report.tables.registry import table
+from stages.vary import VARIANT_QUERIES, VARIANT_RUNS, Variant
 
 #: The initializer with which all others are compared, paired by seed.
 REFERENCE = "ers"
@@ -35,7 +34,7 @@ PAIRS = (
 class VariantRuns(Runs):
     """The runs of a variant on one experiment, or on a graph of the second pipeline."""
 
-    variant: "Variant | Any" = None
+    variant: Variant | Any = None
     key: str = ""  #: of the variant in params
     #: those of a graph; empty for a variant
     entities: pd.DataFrame = field(default_factory=pd.DataFrame)
@@ -51,7 +50,7 @@ class Further:
     graphs: list[VariantRuns]
 
     @classmethod
-    def read(cls, params: "Params", beyond: "Beyond", models: Models) -> Self:
+    def read(cls, params: Params, beyond: Beyond, models: ModelLabels) -> Self:
         """The experiments, and the variants and graphs that were run."""
         experiments = [
             Experiment.read(params, models, name)
@@ -60,24 +59,12 @@ class Further:
         ]
         variants, graphs = list[VariantRuns](), list[VariantRuns]()
         for key, variant in beyond.variants.items():
-            place = Path("data/beyond", key)
-            if place.with_suffix(".queries.parquet").exists():
-                runs = read(place.with_suffix(".parquet"))
-                queries = read(place.with_suffix(".queries.parquet"))
-                for experiment in experiments:
-                    if experiment.name in variant.experiments:
-                        made = _runs_of(experiment, params, key, variant, runs, queries)
-                        variants += [made] if len(made.runs) else []
+            if VARIANT_QUERIES.path(variant=key).exists():
+                variants += _variant_runs(params, experiments, key, variant)
         for key, graph in beyond.graphs.items():
-            folder = Path("data/beyond/graphs", key)
-            if (folder / "queries.parquet").exists():
-                runs, queries, entities, triples = (
-                    read(folder / f"{name}.parquet")
-                    for name in ("runs", "queries", "entities", "triples")
-                )
-                named = replace(experiments[0], name=key, title=graph.title)
-                made = _runs_of(named, params, key, graph.variant(key), runs, queries)
-                graphs.append(replace(made, entities=entities, triples=triples))
+            if GRAPH_QUERIES.path(graph=key).exists():
+                like = replace(experiments[0], name=key, title=graph.title)
+                graphs.append(_graph_runs(params, like, key, graph.variant(key)))
         return cls(experiments, variants, graphs)
 
     def variants_of(self, group: str) -> list[VariantRuns]:
@@ -92,22 +79,44 @@ class Further:
     @property
     def compared(self) -> list[Runs]:
         """Runs of the same size and initializers on every graph; none without other graphs."""
-        listed = list[Runs]()
-        for experiment in self.experiments if self.graphs else []:
-            like = self.graphs[0].variant
-            ran = experiment.initializers
-            names = [name for name in like.initializers if name in ran]
-            listed.append(replace(experiment.of_size(like.size), initializers=names))
-        return [
-            runs for runs in (*listed, *self.graphs) if len(runs.runs) and runs.queries is not None
-        ]
+        if not self.graphs:
+            return []
+        like = self.graphs[0].variant
+        runs = list[Runs]()
+        for experiment in self.experiments:
+            names = [name for name in like.initializers if name in experiment.initializers]
+            runs.append(replace(experiment.of_size(like.size), initializers=names))
+        runs += self.graphs
+        return [each for each in runs if len(each.runs) and each.queries is not None]
+
+
+def _variant_runs(
+    params: Params, experiments: Sequence[Experiment], key: str, variant: Variant
+) -> list[VariantRuns]:
+    """The runs of a variant on each of its experiments that has some."""
+    runs, queries = VARIANT_RUNS.read_text(variant=key), VARIANT_QUERIES.read_text(variant=key)
+    parts = list[VariantRuns]()
+    for experiment in experiments:
+        if experiment.name in variant.experiments:
+            parts.append(_runs_of(experiment, params, key, variant, runs, queries))
+    return [part for part in parts if len(part.runs)]
+
+
+def _graph_runs(params: Params, like: Experiment, key: str, variant: Variant) -> VariantRuns:
+    """The runs on a graph, with its entities and triples; ``like``: an experiment with its name and
+    title.
+    """
+    runs, queries = GRAPH_RUNS.read_text(graph=key), GRAPH_QUERIES.read_text(graph=key)
+    of_graph = _runs_of(like, params, key, variant, runs, queries)
+    entities, triples = GRAPH_ENTITIES.read_text(graph=key), GRAPH_TRIPLES.read_text(graph=key)
+    return replace(of_graph, entities=entities, triples=triples)
 
 
 def _runs_of(
     experiment: Runs,
-    params: "Params",
+    params: Params,
     key: str,
-    variant: "Variant",
+    variant: Variant,
     runs: pd.DataFrame,
     queries: pd.DataFrame,
 ) -> VariantRuns:
@@ -132,8 +141,8 @@ def _runs_of(
 # Other initializers, fewer insert triples, other words
 
 
-@table("beyond")
-def strong(results: Further) -> Frames:
+@table("beyond", "strong_{}")
+def strong(results: Further) -> dict[str, pd.DataFrame]:
     """Initializers beyond the paper on each graph, sorted by entity MRR with the novel entity
     given.
     """
@@ -145,10 +154,10 @@ def strong(results: Further) -> Frames:
         minus = {model: difference(cells[model], reference) for model in order}
         columns = named(runs.means("held_out"), "mean", "held_out")
         columns |= named(runs.means("novel"), "mean", "novel")
-        columns |= named(given, "mean", "novel entity given")
-        title = f"novel entity given, minus {runs.models.labels[REFERENCE]}"
+        columns |= named(given, "mean", DIRECTIONS["given"])
+        title = f"{DIRECTIONS['given']}, minus {runs.models.labels[REFERENCE]}"
         columns |= named(pd.DataFrame(minus).T, "difference", title)
-        frames[f"strong_{runs.name}"] = by_label(runs.models, order, columns)
+        frames[runs.name] = runs.models.by_label(order, columns)
     return frames
 
 
@@ -157,7 +166,7 @@ def n_insert_triples(results: Further) -> pd.DataFrame:
     """Entity MRR with the novel entity given by number of insert triples, on the first graph with
     such runs.
     """
-    variants, rows = results.variants_of("insert_triples"), list[Line]()
+    variants, rows = results.variants_of("insert_triples"), list[TableRow]()
     for runs in variants:
         if runs.name == variants[0].name:
             most = runs.variant.max_insert_triples
@@ -175,13 +184,16 @@ def other_words(results: Further) -> pd.DataFrame:
 # Other embedding models and graphs
 
 
-def _by_graph(listed: Sequence[Runs], variant: str = "") -> pd.DataFrame:
+def _by_graph(all_runs: Sequence[Runs], variant: str = "") -> pd.DataFrame:
     """Entity MRR with the novel entity given: a row by model for each of the runs, those of a
     graph below each other; the column ``variant`` has the title of the variant.
     """
-    names, rows = list(dict.fromkeys(runs.name for runs in listed)), list[Line]()
-    for runs in sorted(listed, key=lambda runs: names.index(runs.name)):
-        row: Line = {"graph": runs.title}
+    by_name = dict[str, list[Runs]]()
+    for runs in all_runs:
+        by_name.setdefault(runs.name, []).append(runs)
+    rows = list[TableRow]()
+    for runs in chain.from_iterable(by_name.values()):
+        row: TableRow = {"graph": runs.title}
         if isinstance(runs, VariantRuns) and variant:
             row[variant] = runs.variant.title
         rows.append(row | wide(runs.means("given"), "mean", runs.models.labels))
@@ -203,9 +215,9 @@ def graphs_novel_given(results: Further) -> pd.DataFrame:
 @table("beyond")
 def graphs_gains(results: Further) -> pd.DataFrame:
     """Differences of ``PAIRS`` in entity MRR with the novel entity given, on all graphs."""
-    rows = list[Line]()
+    rows = list[TableRow]()
     for runs in results.compared:
-        row: Line = {"graph": runs.title}
+        row: TableRow = {"graph": runs.title}
         for first, second in PAIRS:
             if {first, second} <= set(runs.rows):
                 points = runs.minus("given", first, second)
@@ -220,7 +232,7 @@ def graphs(results: Further) -> pd.DataFrame:
     """The size of each graph, and the per cent of triples whose relation is that which the tail's
     kind predicts.
     """
-    rows = list[Line]()
+    rows = list[TableRow]()
     for graph in results.all_graphs:
         entities, triples = graph.entities, graph.triples
         kinds = entities["kind"].value_counts()

@@ -1,6 +1,7 @@
 """Headline numbers for ``dvc metrics``, and curves for ``dvc plots``."""
 
 import json
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -8,11 +9,12 @@ from typing import Any
 import pandas as pd
 
 from isi.tables.io import atomically
+from stages.report.scopes import GROUPED
 from stages.report.tables import registry
+from stages.report.tables.affordances import answers_of
 from stages.report.tables.data import Experiment, Results
-from stages.report.tables.estimates import BASELINE, Names, epochs_summary, where
+from stages.report.tables.estimates import BASELINE, epochs_summary, where
 from stages.report.tables.forms import csv, number
-from stages.report.tables.results import GROUPED, answers_of
 
 #: The headline numbers, beside the page.
 METRICS = "metrics.json"
@@ -21,8 +23,7 @@ STANDALONE, EXTENDED = ("paper", "ai2thor"), ("paper_transfer", "transfer")
 
 
 def write(results: Results, folder: Path) -> None:
-    """Write all tables of the first pipeline, its plots and its headline numbers."""
-    registry.write("report", results, folder / "tables")
+    """Write the plots and the headline numbers of the first pipeline."""
     texts = {f"{name}.csv": csv(frame) for name, frame in plots(results).items()}
     registry.write_files(folder / "plots", texts)
     text = json.dumps(metrics(results), indent=2)
@@ -124,7 +125,7 @@ def plots(results: Results) -> dict[str, pd.DataFrame]:
     return frames
 
 
-def _means(runs: pd.DataFrame, by: str, models: Names) -> pd.DataFrame:
+def _means(runs: pd.DataFrame, by: str, models: Sequence[str]) -> pd.DataFrame:
     """Means of MRR (points): a row for each size or epoch, a column for each model."""
     means = 100 * runs.groupby([by, "model"])["mrr"].mean().unstack("model")
     return means.reindex(columns=list(models)).reset_index()

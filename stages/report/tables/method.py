@@ -1,23 +1,23 @@
 """The graphs, the choices of this run against others, and what was run and left out."""
 
 import platform
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib.metadata import version
 from math import nan
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from safetensors.numpy import load_file
 
+from stages.files import OBSERVATIONS
 from stages.projection import Projection
-from stages.report.tables.data import Experiment, Results, read
-from stages.report.tables.estimates import MEASURES, Line, bounded, over_seeds, under, where
+from stages.report.scopes import GROUPED
+from stages.report.tables.data import Experiment, Results
+from stages.report.tables.estimates import MEASURES, TableRow, bounded, over_seeds, under, where
 from stages.report.tables.forms import ANY_SIZE
 from stages.report.tables.registry import of_each, table
-from stages.report.tables.results import GROUPED, in_order, in_rows
-from stages.report.tables.statistics import best_indicators
+from stages.report.tables.statistics import best_indicators, right_after
+from stages.trace_trajectory import TRAJECTORY
 
 #: The paper's rule: average epochs over NEIGHBOURS neighbouring sizes; grow while the average falls
 #: by at least EPOCHS and MRR, in [0, 1], is at most LOSS below the best.
@@ -35,8 +35,13 @@ _PACKAGES = (
 )
 #: Sections of params that the table of the run omits.
 UNUSED = {"compute", "recorder", "plots", "finetune_only", "final_model"}
-#: A value for each factor that cross-validation varies.
-Setting = Mapping[str, float]
+
+
+def in_order(values: Iterable[Any], first: Sequence[str]) -> list[str]:
+    """Values in the order of ``first``, then the others in their own order."""
+    present = list(values)
+    known = [value for value in first if value in present]
+    return known + [value for value in present if value not in first]
 
 
 # The graphs
@@ -73,7 +78,7 @@ def table1_graph_statistics(results: Results) -> pd.DataFrame | None:
     """
     paper = results.paper["graph"]["median_per_environment"]
     for experiment in results.standalone:
-        observations = read(f"data/observations/{experiment.settings.graph.source}.parquet")
+        observations = OBSERVATIONS.read_text(source=experiment.settings.graph.source)
         if observations["scene"].notna().any():
             return table1(observations, paper, results.vocabulary)
     return None
@@ -102,16 +107,11 @@ def table1(
 # Training and choices
 
 
-def swept(results: Results, experiment: Experiment) -> pd.DataFrame | None:
-    """The runs of the sweep of indicator set sizes, with a column k."""
-    return experiment.swept("sweep", "indicator_sweep", list(results.params.sweep.initializers))
-
-
 def by_indicators(results: Results, experiment: Experiment) -> pd.DataFrame | None:
     """Means of the sweep by model and k: the measure (points) right after insertion by group, and
     epochs to convergence of the sets that are fine-tuned.
     """
-    sweep = swept(results, experiment)
+    sweep = experiment.sweep
     if sweep is None:
         return None
     by, now = ["model", "k"], where(sweep, epoch=0)
@@ -134,7 +134,7 @@ def sensitivity(results: Results, experiment: Experiment) -> pd.DataFrame | None
     if means is None:
         return None
     models = list(results.params.sweep.initializers)
-    frame = in_rows(means, results.models, models, "initializer")
+    frame = results.models.in_rows(means, models, "initializer")
     return frame.rename(columns={"k": "indicators"})
 
 
@@ -144,15 +144,15 @@ def indicator_sizes(results: Results, experiment: Experiment) -> pd.DataFrame | 
     """The number of indicators with the highest measure right after insertion, with its interval;
     what more of them change; and the number that the paper's rule picks.
     """
-    sweep, means = swept(results, experiment), by_indicators(results, experiment)
+    sweep, means = experiment.sweep, by_indicators(results, experiment)
     if sweep is None or means is None:
         return None
-    paper, options, rows = results.paper, results.params.initializers, list[Line]()
+    paper, options, rows = results.paper, results.params.initializers, list[TableRow]()
     for model in results.params.sweep.initializers:
         of_model = means.loc[model]
         values, epochs = of_model["weighted: MRR"], of_model["epochs"]
         best = best_indicators(right_after(sweep, model))
-        row: Line = {"initializer": results.models.labels[model]} | bounded("best k", best)
+        row: TableRow = {"initializer": results.models.labels[model]} | bounded("best k", best)
         if experiment is results.on(papers=True):
             row["best k: paper"] = paper["indicators_degrade_after"]
         row["MRR at the best k"] = values.max()
@@ -166,12 +166,6 @@ def indicator_sizes(results: Results, experiment: Experiment) -> pd.DataFrame | 
         row["params"] = options.get(model, {}).get("k", nan)
         rows.append(row)
     return pd.DataFrame(rows)
-
-
-def right_after(sweep: pd.DataFrame, model: str) -> pd.DataFrame:
-    """The weighted measure of a swept initializer right after insertion: k, seed and value."""
-    rows = where(sweep, model=model, scope="weighted", epoch=0)
-    return rows.assign(value=100 * rows["mrr"])[["k", "seed", "value"]]
 
 
 def select_size(sizes: Sequence[int], values: Sequence[float], epochs: Sequence[float]) -> int:
@@ -203,8 +197,8 @@ def cross_validation(results: Results) -> pd.DataFrame | None:
     """A row for each setting, this run's first: mean and deviation of MRR over folds, and whose
     choice it is.
     """
-    analyses = (each.analysis("cross_validation") for each in results.standalone)
-    rows = next((each for each in analyses if each is not None), None)
+    folds = (experiment.folds for experiment in results.standalone)
+    rows = next((each for each in folds if each is not None), None)
     settings = [setting.model_dump() for setting in results.params.settings]
     choice = settings[0]
     means = None if rows is None else by_setting(rows, choice)
@@ -222,7 +216,7 @@ def cross_validation(results: Results) -> pd.DataFrame | None:
     return frame
 
 
-def by_setting(rows: pd.DataFrame, choice: Setting) -> pd.DataFrame | None:
+def by_setting(rows: pd.DataFrame, choice: Mapping[str, float]) -> pd.DataFrame | None:
     """Means over folds, and the deviation of MRR (points), by setting; MRR ``from the choice``, and
     whether this is ``within`` the larger of the two deviations; None without the choice.
     """
@@ -248,10 +242,10 @@ def figure1_trajectory(results: Results) -> pd.DataFrame | None:
     first = next((each for each in results.experiments if each.name in traced), None)
     if first is None:
         return None
-    file = Path(f"data/analyses/trajectory/{first.name}.safetensors")
-    if not file.exists():
+    path = TRAJECTORY.path(experiment=first.name)
+    if not path.exists():
         return None
-    traces = load_file(file)
+    traces = {name: tensor.numpy() for name, tensor in TRAJECTORY.read_file(path).items()}
     known = traces["theta0"][traces["known"].astype(bool)]  # [N, d]
     plane = Projection.of(known)
     places = [_places(plane.places(known), "", "known entity")]

@@ -13,12 +13,19 @@ from isi import config
 from isi.config import value_of
 from isi.evaluation.changes import CHANGES
 from isi.evaluation.scopes import GROUPS
-from stages.report.tables.data import JOINT, TITLES, Experiment, Results
-from stages.report.tables.estimates import BASELINE, CELL, Estimate, Line, bounded, where
+from stages.grid import JOINT_MODEL
+from stages.report.scopes import TITLES
+from stages.report.tables.data import Experiment, Results
+from stages.report.tables.estimates import BASELINE, CELL, Estimate, TableRow, bounded, where
 from stages.report.tables.forms import ANY_SIZE
-from stages.report.tables.method import right_after, swept
 from stages.report.tables.registry import table
-from stages.report.tables.statistics import ISI, METHODS, Statistics, best_indicators
+from stages.report.tables.statistics import (
+    ISI,
+    METHODS,
+    Statistics,
+    best_indicators,
+    right_after,
+)
 
 #: The results of the paper; the file says how they are written.
 _RESULTS = Path(__file__).with_name("paper_results.yaml")
@@ -27,7 +34,7 @@ PRINTED = 0.05
 #: Statistics of epochs, which have a second form.
 OF_EPOCHS = ("mean_epochs", "deviation", "fewer_epochs")
 #: Models of the table of the answer, as far as they were run.
-SHOWN = (BASELINE, "iu", "mean", *METHODS, "map", JOINT)
+SHOWN = (BASELINE, "iu", "mean", *METHODS, "map", JOINT_MODEL)
 
 
 # The answer
@@ -38,7 +45,7 @@ def answer(results: Results) -> pd.DataFrame | None:
     """The answer of the report: what each initializer gains and costs on both graphs, with the
     paper's numbers below those on its own graph.
     """
-    rows = list[Line]()
+    rows = list[TableRow]()
     for experiment in results.standalone:
         transfer = results.transfer_of(experiment)
         theirs = results.paper if experiment is results.on(papers=True) else {}
@@ -49,14 +56,15 @@ def answer(results: Results) -> pd.DataFrame | None:
     return shown.dropna(how="all", axis=1).rename(columns=names)
 
 
-def _answer(experiment: Experiment, transfer: Experiment | None, paper: Any) -> list[Line]:
+def _answer(
+    experiment: Experiment, transfer: Experiment | None, paper: Mapping[str, Any]
+) -> list[TableRow]:
     """The rows of one graph."""
     statistics, models = experiment.statistics(), experiment.rows
     others = [name for name in experiment.initializers if name != BASELINE]
     tuned = [name for name in experiment.finetuned if name != BASELINE]
-    epochs = {name: statistics.mean_epochs(name)[0] for name in experiment.finetuned}
-    fewer = {name: statistics.fewer_epochs(name)[0] for name in tuned}
     printed_epochs = value_of(paper, "convergence.epochs") or {}
+    printed_fewer = value_of(paper, "convergence.fewer_epochs_than_xavier") or {}
     rows: dict[str, Mapping[str, float] | None] = {
         "gain over Xavier, %": {name: statistics.gain(name)[0] for name in others},
         "gain over Xavier, %: the paper": value_of(paper, "immediate.improvement_over_xavier"),
@@ -64,26 +72,18 @@ def _answer(experiment: Experiment, transfer: Experiment | None, paper: Any) -> 
     for group in GROUPS:
         title = f"MRR right after insertion: {TITLES[group]}"
         rows[title] = {name: getattr(statistics, group)(name)[0] for name in models}
-    rows |= {
-        "epochs of fine-tuning": epochs,
-        "epochs of fine-tuning: the paper": {
-            name: of["mean"] for name, of in printed_epochs.items()
-        },
-        "fewer epochs than Xavier, %": fewer,
-        "fewer epochs than Xavier, %: the paper": {
-            name: number
-            for name, number in (
-                value_of(paper, "convergence.fewer_epochs_than_xavier") or {}
-            ).items()
-            if name in METHODS
-        },
-    }
+    epochs = {name: statistics.mean_epochs(name)[0] for name in experiment.finetuned}
+    rows["epochs of fine-tuning"] = epochs
+    epochs_of_paper = {name: printed["mean"] for name, printed in printed_epochs.items()}
+    rows["epochs of fine-tuning: the paper"] = epochs_of_paper
+    fewer = {name: statistics.fewer_epochs(name)[0] for name in tuned}
+    rows["fewer epochs than Xavier, %"] = fewer
+    fewer_of_paper = {name: per_cent for name, per_cent in printed_fewer.items() if name in METHODS}
+    rows["fewer epochs than Xavier, %: the paper"] = fewer_of_paper
     if transfer is not None:
-        drop = transfer.statistics().drop(BASELINE)[0]
-        rows["drop of earlier knowledge in the transfer, %"] = {BASELINE: drop}
-        rows["drop of earlier knowledge in the transfer, %: the paper"] = value_of(
-            paper, "transfer.drop"
-        )
+        title = "drop of earlier knowledge in the transfer, %"
+        rows[title] = {BASELINE: transfer.statistics().drop(BASELINE)[0]}
+        rows[f"{title}: the paper"] = value_of(paper, "transfer.drop")
     return [
         {"graph": experiment.title, "measure": measure, **(values or {})}
         for measure, values in rows.items()
@@ -119,9 +119,10 @@ class PaperResult:
         if experiment is None:
             return nan, nan, nan
         if self.statistic == "best_indicators":
-            sweep = swept(results, experiment)
-            rows = None if sweep is None else right_after(sweep, self.model)
-            return (nan, nan, nan) if rows is None or rows.empty else best_indicators(rows)
+            if experiment.sweep is None:
+                return nan, nan, nan
+            rows = right_after(experiment.sweep, self.model)
+            return (nan, nan, nan) if rows.empty else best_indicators(rows)
         statistics, name = _statistics(experiment), self.statistic
         if other and name in OF_EPOCHS:
             statistics = statistics.ended
@@ -138,7 +139,7 @@ def _statistics(experiment: Experiment) -> Statistics:
 
 def results_of(paper: Mapping[str, Any]) -> list[PaperResult]:
     """The results that the paper prints, from its numbers."""
-    listed = list[PaperResult]()
+    printed = list[PaperResult]()
     for entry in config.read(_RESULTS)["results"]:
         values = value_of(paper, entry["key"])
         numbers = values if isinstance(values, dict) else dict.fromkeys(entry["models"], values)
@@ -153,8 +154,8 @@ def results_of(paper: Mapping[str, Any]) -> list[PaperResult]:
                 statistic=entry["statistic"],
                 extended=entry.get("extended", False),
             )
-            listed.append(result)
-    return listed
+            printed.append(result)
+    return printed
 
 
 @table("report")
@@ -162,11 +163,11 @@ def paper_results(results: Results) -> pd.DataFrame:
     """Every result that the paper prints, ours on its own graph with the 95 % interval, whether
     the paper's is inside, and ours on today's graph.
     """
-    rows = list[Line]()
+    rows = list[TableRow]()
     labels = {**results.models.labels, ISI: "mean of ISI"}
     for result in results_of(results.paper):
         ours = result.measured(results, papers=True)
-        row: Line = {"where": result.place, "kind": result.kind, "whose": labels[result.model]}
+        row: TableRow = {"where": result.place, "kind": result.kind, "whose": labels[result.model]}
         row |= {"paper": result.paper, **bounded("ours", ours)}
         row["inside"] = inside(result.paper, ours)
         other = (nan, nan, nan)
@@ -230,10 +231,10 @@ def measure_decides(results: Results) -> pd.DataFrame | None:
     experiment = results.on(papers=True)
     if experiment is None or experiment.changes is None:
         return None
-    transfer, rows = results.transfer_of(experiment), list[Line]()
+    transfer, rows = results.transfer_of(experiment), list[TableRow]()
     labels = results.models.labels
     for name, change in CHANGES.items():
-        statistics, row = changed(experiment, name), Line(measure=change.title)
+        statistics, row = changed(experiment, name), TableRow(measure=change.title)
         for model in METHODS:
             row |= bounded(f"gain over Xavier, %: {labels[model]}", statistics.gain(model))
         row |= bounded("fewer epochs, %", statistics.fewer_epochs(ISI))
@@ -242,7 +243,7 @@ def measure_decides(results: Results) -> pd.DataFrame | None:
         rows.append(row)
     paper = results.paper
     gains = paper["immediate"]["improvement_over_xavier"]
-    last: Line = {f"gain over Xavier, %: {labels[model]}": gains[model] for model in METHODS}
+    last: TableRow = {f"gain over Xavier, %: {labels[model]}": gains[model] for model in METHODS}
     last["fewer epochs, %"] = paper["convergence"]["fewer_epochs_than_xavier"]["mean"]
     last["transfer: drop, %"] = paper["transfer"]["drop"][BASELINE]
     rows.append({"measure": "the paper", **last})
@@ -259,7 +260,7 @@ def changed(experiment: Experiment, change: str) -> Statistics:
     grouped = where(rows, scope=groups)
     if groups == ["weighted"]:
         grouped = grouped.assign(scope=GROUPS[0])
-    joint = where(grouped, model=JOINT)
+    joint = where(grouped, model=JOINT_MODEL)
     runs = where(grouped, model=experiment.finetuned)
     epochs = experiment.converged(runs, ["model"], experiment.finetuned_seeds, joint)
     return Statistics(immediate[["model", "scope", *CELL, "value"]], epochs)

@@ -1,31 +1,38 @@
-"""Every table is one function that gives its frame; its name is that of the file."""
+"""Every table of a page is a function of its results that gives a frame."""
 
+import re
 from collections.abc import Callable, Mapping
 from functools import partial, wraps
-from importlib import import_module
 from pathlib import Path
-from pkgutil import iter_modules
 from typing import Any, TypeVar
 
 import pandas as pd
 
+from isi.config import Plugins
+from isi.errors import InputError, suggestion
 from isi.tables.io import atomically, keep_only
 from stages.report.tables.forms import files
 
-#: A function from results to a frame, to frames by name, or to None where there are no data.
-Frames = Mapping[str, pd.DataFrame]
-Made = pd.DataFrame | Frames | None
-F = TypeVar("F", bound=Callable[[Any], Made])
+#: What a function gives: a frame, frames by the part of their names that differs, or None where
+#: there are no data.
+TableFrames = pd.DataFrame | Mapping[str, pd.DataFrame] | None
+TableFunction = Callable[[Any], TableFrames]
+F = TypeVar("F", bound=TableFunction)
 OfExperiment = Callable[[Any, Any], pd.DataFrame | None]
-#: Functions by page, then by name of the table.
-TABLES: dict[str, dict[str, Callable[[Any], Made]]] = {}
+#: Functions by page, then by name of the table. The ``{}`` of a name stands for several tables.
+TABLES: dict[str, Plugins[TableFunction]] = {}
 
 
-def table(page: str) -> Callable[[F], F]:
-    """Register a function as the table of its name on a page."""
+def table(page: str, name: str = "") -> Callable[[F], F]:
+    """Register a function as a table of a page, under its own name or another one.
+
+    The name of several tables has a ``{}``, such as ``strong_{}``; their function gives frames by
+    what stands in its place. ``InputError`` where another function has the name.
+    """
 
     def register(function: F) -> F:
-        TABLES.setdefault(page, {})[function.__name__] = function
+        functions = TABLES.setdefault(page, Plugins("stages.report.tables"))
+        functions.register(name or function.__name__, function)
         return function
 
     return register
@@ -54,16 +61,29 @@ def of_each(kind: str) -> Callable[[OfExperiment], Callable[[Any], pd.DataFrame 
     return decorate
 
 
+def names_of(page: str) -> list[str]:
+    """The names of the tables of a page; ``{}`` in one stands for several tables."""
+    return TABLES.setdefault(page, Plugins("stages.report.tables")).names()
+
+
+def check_name(page: str, name: str, place: str) -> None:
+    """``InputError`` at a place unless a page can have a table of a name."""
+    names = names_of(page)
+    patterns = [re.escape(known).replace(r"\{\}", ".+") for known in names]
+    if not any(re.fullmatch(pattern, name) for pattern in patterns):
+        expected = f"expected the name of a table, got {name!r}{suggestion(name, names)}"
+        raise InputError("", place, expected)
+
+
 def frames_of(page: str, results: Any) -> dict[str, pd.DataFrame]:
-    """All tables of a page, by name; those without rows are left out. Without results: none."""
-    for module in iter_modules([str(Path(__file__).parent)]):
-        import_module(f"stages.report.tables.{module.name}")
+    """All tables of a page, by name; those without rows are left out."""
     frames = dict[str, pd.DataFrame]()
-    if not results:
-        return frames
-    for name, function in TABLES[page].items():
-        made = function(results)
-        frames |= {name: made} if isinstance(made, pd.DataFrame) else dict(made or {})
+    for name in names_of(page):
+        of_function = TABLES[page].get(name)(results)
+        if isinstance(of_function, pd.DataFrame):
+            frames[name] = of_function
+        elif of_function is not None:
+            frames |= {name.format(part): frame for part, frame in of_function.items()}
     return {name: frame for name, frame in frames.items() if len(frame)}
 
 

@@ -132,3 +132,9 @@ def best_indicators(sweep: pd.DataFrame) -> Estimate:
     best = numbers[np.nan_to_num(means).argmax(axis=1)]
     low, high = np.quantile(best[1:], INTERVAL, method="inverted_cdf")
     return float(best[0]), float(low), float(high)
+
+
+def right_after(sweep: pd.DataFrame, model: str) -> pd.DataFrame:
+    """The weighted measure of a swept initializer right after insertion: k, seed and value."""
+    rows = where(sweep, model=model, scope="weighted", epoch=0)
+    return rows.assign(value=100 * rows["mrr"])[["k", "seed", "value"]]
