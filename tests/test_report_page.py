@@ -3,14 +3,17 @@
 import json
 import re
 import shutil
+from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
+from isi.errors import InputError
 from stages.report import charts, figures, page
 from stages.report.page import BAR, pages
 from tests import committed
@@ -200,3 +203,63 @@ def test_a_table_shows_values_intervals_and_groups() -> None:
     assert shown.groups == [("", 1), ("earlier knowledge", 1), ("", 1)]
     only = page.shown_table(frame, ["model", "seeds"])
     assert only.groups == []
+
+
+# Items and initializers of one's own
+
+
+def with_item(monkeypatch: pytest.MonkeyPatch, **changes: Any) -> None:
+    """The page ``beyond`` with its first item changed."""
+    about = pages()["beyond"]
+    item = about.items[0].model_copy(update=changes)
+    changed = about.model_copy(update={"items": [item]})
+    entries = {"beyond": changed.model_dump()}
+    monkeypatch.setattr(page, "_ITEMS", Path("items.yaml"))
+    monkeypatch.setattr(page.config, "read", lambda _: entries)
+    pages.cache_clear()
+
+
+@pytest.fixture
+def _pages_anew() -> Iterator[None]:
+    """Pages that a test changed are forgotten after it."""
+    yield
+    pages.cache_clear()
+
+
+@pytest.mark.usefixtures("_pages_anew")
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({"name": "strnog"}, r"beyond\.items\.strnog: expected the name of a table, got 'strnog'"),
+        ({"name": "new", "part": "modles"}, r"beyond\.items\.new\.part: .*did you mean 'models'"),
+        ({"name": "new", "draw": "strogn"}, r"beyond\.items\.new\.draw: .*did you mean 'strong'"),
+    ],
+)
+def test_an_item_whose_table_or_part_or_figure_does_not_exist_is_refused_by_name(
+    changes: dict[str, str], expected: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "beyond" / "tables").mkdir(parents=True)
+    with_item(monkeypatch, **changes)
+    with pytest.raises(InputError, match=rf"items\.yaml: {expected}"):
+        page.write("beyond", tmp_path)
+
+
+def test_an_initializer_of_ones_own_is_in_the_figures_with_a_style_of_its_own() -> None:
+    names = ["Xavier", "Nearest", "Farthest", "Soft hybrid"]
+    frame = pd.DataFrame({"model": names, "size": 2, "scope": "weighted", "graph": "home"})
+    (panel,) = figures.figure3a(frame.assign(MRR=50.0))
+    canvas = Figure()
+    values = panel.draw(canvas.subplots())
+    shown = ["Xavier", "Nearest", "Farthest"]
+    assert [value.name for value in values] == shown
+    styles = [charts.style_of(name, shown) for name in shown]
+    assert len({style["color"] for style in styles}) == len(shown)
+    row = pd.DataFrame({"graph": ["home"], "ERS": 50.0, "Nearest": 60.0, "Nearest low": 55.0})
+    (panel,) = figures.graphs(row.assign(**{"Nearest high": 65.0}))
+    assert [value.name for value in panel.draw(Figure().subplots())] == ["ERS", "Nearest"]
+
+
+def test_more_names_than_spare_colours_are_told_apart_by_dash_and_mark() -> None:
+    names = [f"own {number}" for number in range(20)]
+    styles = [tuple(charts.style_of(name, names).values()) for name in names]
+    assert len(set(styles)) == len(names)

@@ -11,8 +11,9 @@ import pytest
 import yaml
 from matplotlib.colors import to_rgb
 
+from isi.errors import InputError
 from stages.report import charts
-from stages.report.tables import affordances, headlines, method, paper, results
+from stages.report.tables import affordances, headlines, method, paper, registry, results
 from stages.report.tables.data import Experiment, ModelLabels
 from stages.report.tables.estimates import MEASURES
 from stages.report.tables.statistics import ISI, Statistics, best_indicators
@@ -549,3 +550,8 @@ def test_a_name_has_one_colour_and_others_get_spare_ones() -> None:
     known = {colour for colour, *_ in charts.PALETTE["models"].values()}
     spare = [charts.style_of(name, first)["color"] for name in ("own", "another")]
     assert len({*spare} - known) == 2
+
+
+def test_a_second_table_of_a_name_is_refused() -> None:
+    with pytest.raises(InputError, match=r"'gains': .*stages\.report\.tables\.results\.gains"):
+        registry.table("report", "gains")(headlines.metrics)
