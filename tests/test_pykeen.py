@@ -179,7 +179,7 @@ def test_what_is_measured_is_what_pykeen_gets(name: str, factory: Any) -> None:
         larger.post_parameter_update()
     draws = done.details.test.hide()
     assert draws is not None
-    hidden = draws.insert(done.details.method.initializer, done.details.options)
+    hidden = draws.insert(done.details.method)
     assert hidden is not None
     torch.testing.assert_close(done.details.model.constrain(hidden[1]), hidden[1])
     fitted = inserted.train(epochs=3).model
@@ -297,7 +297,7 @@ def test_no_inverse_of_a_query_is_inserted_in_the_calibration() -> None:
         known_triples=apart[1],
     )
     once, twice = (
-        next(each.known_ends for each in done.selection.candidates if each.initializer == "soft_rs")
+        next(each.known_ends for each in done.selection.trials if each.initializer == "soft_rs")
         for done in (facts_once, facts_twice)
         if done.selection
     )

@@ -65,7 +65,7 @@ def test_an_unknown_loss_is_decided_and_then_as_if_named() -> None:
     decided = isi.insert(*given, **how)
     named = isi.insert(*given, **how, trained_with=decided.details.method.trained_with)
     assert decided.selection is not None
-    assert {each.trained_with for each in decided.selection.candidates} == {
+    assert {each.trained_with for each in decided.selection.trials} == {
         decided.details.scale.training.name
     }
     assert (decided.vectors == named.vectors).all()

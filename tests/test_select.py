@@ -17,8 +17,9 @@ from isi.graph.graph import HEAD, TAIL
 from isi.initializers.api import INITIALIZERS, InitResult, Registered, initializer, without_weights
 from isi.initializers.context import InitContext
 from isi.insertion.arguments import stack_of_one
-from isi.insertion.hidden import Candidate, HiddenDraws, HoldOut
-from isi.insertion.selection import Selection, compare, value
+from isi.insertion.engine import Method
+from isi.insertion.hidden import HiddenDraws, HoldOut, Trial
+from isi.insertion.selection import Selection, net_mrr, selection_among
 from isi.models.bilinear import DistMult
 from tests.plain_ranks import filtered_rank
 
@@ -70,13 +71,13 @@ def hold_out(
 
 
 def of(*initializers: Registered, harm: float = 0.01, seed: int = 0) -> Selection:
-    selection = compare(initializers, hold_out(seed=seed), harm)
+    selection = selection_among(initializers, hold_out(seed=seed), harm)
     assert selection is not None
     return selection
 
 
-def candidate(about: float, harm: float) -> Candidate:
-    return Candidate(
+def trial(about: float, harm: float) -> Trial:
+    return Trial(
         "", {}, "logistic", known_ends=about, hidden_ends=about, h_old=1.0, h_cur=1.0, harm=harm
     )
 
@@ -92,10 +93,10 @@ def candidate(about: float, harm: float) -> Candidate:
         (0.5, -0.2, 0.0, 0.5),  # no reward
     ],
 )
-def test_the_value_of_a_candidate_by_hand(
+def test_the_net_mrr_of_a_trial_by_hand(
     about: float, lost: float, harm: float, expected: float
 ) -> None:
-    assert value(candidate(about, lost), harm) == pytest.approx(expected)
+    assert net_mrr(trial(about, lost), harm) == pytest.approx(expected)
 
 
 def test_an_initializer_of_ones_own_takes_part_and_wins_if_it_is_perfect() -> None:
@@ -103,7 +104,7 @@ def test_an_initializer_of_ones_own_takes_part_and_wins_if_it_is_perfect() -> No
     done = insert()
     assert done.initializer == done.selection.selected.initializer == "oracle"
     assert done.selection.selected.known_ends > max(
-        x.known_ends for x in done.selection.candidates if x is not done.selection.selected
+        x.known_ends for x in done.selection.trials if x is not done.selection.selected
     )
     assert done.selection.selected.h_old == pytest.approx(done.selection.selected.h_cur)
     assert done.details.why == done.selection.why
@@ -115,7 +116,7 @@ def test_an_initializer_of_ones_own_takes_part_and_wins_if_it_is_perfect() -> No
 
 def test_means_of_a_few_vectors_and_controls_take_no_part() -> None:
     words = RNG.standard_normal((ENTITIES + 1, 5)).astype(np.float32)
-    tried = {each.initializer for each in insert(words=words).selection.candidates}
+    tried = {each.initializer for each in insert(words=words).selection.trials}
     assert tried == {"map", "fold_in", "soft_es", "mean", "soft_rs", "er_avg", "soft_hybrid"}
 
 
@@ -123,7 +124,7 @@ def test_means_of_a_few_vectors_and_controls_take_no_part() -> None:
 def test_options_in_calibration_are_candidates_and_the_chosen_ones_are_used() -> None:
     own("scaled", oracle, defaults={"times": 0.01}, calibration=[{"times": -1.0}, {"times": 1.0}])
     done = insert()
-    tried = [each.options for each in done.selection.candidates if each.initializer == "scaled"]
+    tried = [each.options for each in done.selection.trials if each.initializer == "scaled"]
     assert tried == [{"times": 0.01}, {"times": -1.0}, {"times": 1.0}]
     assert (done.initializer, done.details.options) == ("scaled", {"times": 1.0})
 
@@ -131,7 +132,7 @@ def test_options_in_calibration_are_candidates_and_the_chosen_ones_are_used() ->
 def test_a_loud_vector_is_chosen_with_a_warning_and_only_if_there_is_nothing_else() -> None:
     noisy, quiet = own("loud", loud), INITIALIZERS.get("mean")
     choice = of(noisy, quiet)
-    by_name = {each.initializer: each for each in choice.candidates}
+    by_name = {each.initializer: each for each in choice.trials}
     assert by_name["loud"].hidden_ends > by_name["mean"].hidden_ends
     assert by_name["loud"].harm > 0.1 > abs(by_name["mean"].harm)
     assert choice.selected is by_name["mean"]
@@ -151,9 +152,7 @@ def test_a_model_that_has_not_learned_is_noticed() -> None:
 
 def test_initializers_without_finite_vectors_are_no_candidates() -> None:
     broken = own("broken", lambda context: torch.full((*context.novel.shape, DIMENSION), torch.nan))
-    assert [each.initializer for each in of(broken, INITIALIZERS.get("mean")).candidates] == [
-        "mean"
-    ]
+    assert [each.initializer for each in of(broken, INITIALIZERS.get("mean")).trials] == ["mean"]
 
 
 @pytest.mark.parametrize(
@@ -219,7 +218,7 @@ def test_hidden_entities_are_inserted_from_as_many_triples_and_queried_on_the_ot
 
 
 def by_loops(draws: HiddenDraws, vectors: np.ndarray) -> list[float]:
-    """The four measures of ``Candidate``, query by query, in NumPy; ``vectors``: (M, n, d)."""
+    """The four measures of ``Trial``, query by query, in NumPy; ``vectors``: (M, n, d)."""
     measures: dict[str, list[float]] = {"known": [], "hidden": [], "before": [], "after": []}
     known = {tuple(triple) for triple in FEWER.tolist()}
     for model, hidden in enumerate(draws.context.novel.numpy()):
@@ -267,7 +266,7 @@ def test_measures_are_those_of_a_loop_over_queries(share: float) -> None:
         replace(draws, share=share),
         own("scaled", lambda context: 0.5 * oracle(context).flip(1)),
     )
-    measured = draws.measure(scaled, {})
+    measured = draws.trial(Method(scaled, {}, ""))
     assert measured is not None
     expected = by_loops(draws, 0.5 * VECTORS[draws.context.novel.flip(1).numpy()])
     figures = [measured.known_ends, measured.hidden_ends, measured.h_old, measured.h_cur]
@@ -282,16 +281,17 @@ def test_without_allowed_harm_a_candidate_that_does_none_is_selected() -> None:
     assert choice.selected.initializer == "origin"
     assert choice.selected.harm == 0.0
     # whatever it answers, no candidate that harms by .04 is better than one that does no harm
-    assert value(candidate(1.0, 0.041), 0.0) < value(candidate(0.0, 0.0), 0.0)
+    assert net_mrr(trial(1.0, 0.041), 0.0) < net_mrr(trial(0.0, 0.0), 0.0)
 
 
 def test_training_starts_in_the_comparison_where_it_starts_in_an_insertion() -> None:
     draws = hold_out().hide(12)
     assert draws is not None
     trained = INITIALIZERS.get("fold_in")
-    first = draws.insert(trained, trained.defaults)
+    method = Method(trained, trained.defaults, "")
+    first = draws.insert(method)
     assert first is not None
-    near = draws.starting_at(torch.randn_like(first[1])).insert(trained, trained.defaults)
+    near = draws.starting_at(torch.randn_like(first[1])).insert(method)
     assert near is not None
     assert torch.equal(first[1], near[1])
 
@@ -306,7 +306,7 @@ def test_harm_is_measured_on_validation_triples_where_there_are_enough() -> None
     asked = {tuple(each) for each in draws.earlier.triples[draws.earlier.counted].tolist()}
     assert asked <= set(map(tuple, held.tolist()))
     noisy = own("loud", loud)
-    measured = draws.measure(noisy, {})
+    measured = draws.trial(Method(noisy, {}, ""))
     assert measured is not None
     assert measured.harm == pytest.approx(measured.h_old - measured.h_cur)
 
@@ -323,12 +323,12 @@ def test_harm_is_measured_on_validation_triples() -> None:
     plain, measured, same = selections
     assert plain.measured_on == "triples of training"
     assert measured.measured_on == "validation triples"
-    assert measured.candidates == same.candidates
+    assert measured.trials == same.trials
     expected = replace(hold_out(trained), numbers=np.array([3]), validation=left_out).hide()
     assert expected is not None
-    candidate = expected.measure(INITIALIZERS.get("mean"), {})
-    assert candidate is not None
-    (mean,) = [each for each in measured.candidates if each.initializer == "mean"]
-    assert mean.h_old == pytest.approx(candidate.h_old)
-    assert mean.harm == pytest.approx(candidate.harm)
-    assert plain.candidates != measured.candidates
+    of_mean = expected.trial(Method(INITIALIZERS.get("mean"), {}, ""))
+    assert of_mean is not None
+    (mean,) = [each for each in measured.trials if each.initializer == "mean"]
+    assert mean.h_old == pytest.approx(of_mean.h_old)
+    assert mean.harm == pytest.approx(of_mean.harm)
+    assert plain.trials != measured.trials

@@ -25,9 +25,10 @@ from isi.evaluation.filtered import EndQueries, end_queries, random_ranks
 from isi.evaluation.ranks import ahead
 from isi.graph.graph import HEAD, TAIL, Graph
 from isi.graph.sessions import OUT, TRAIN, Session, membership, touches
-from isi.initializers.api import NoRelationMap, Registered, options_of
+from isi.initializers.api import NoRelationMap, options_of
 from isi.initializers.context import InitContext, context_in_session, trained_session
 from isi.initializers.scale import Scale, fit_scale
+from isi.insertion.engine import Method
 from isi.models.losses import Loss, TrainingLoss
 from isi.models.stack import Embedding
 from isi.random import stream
@@ -51,7 +52,7 @@ EXCESS = 0.4
 
 
 @dataclass(frozen=True)
-class Candidate:
+class Trial:
     """An initializer with options, and filtered MRRs after it has inserted the hidden entities."""
 
     initializer: str
@@ -123,35 +124,32 @@ class HiddenDraws:
         """Expected MRR of earlier triples if their ranks were random."""
         return random_ranks(self.competes, self.earlier).mean().item()
 
-    def insert(
-        self, initializer: Registered, given: Mapping[str, Any]
-    ) -> tuple[dict[str, Any], Tensor] | None:
-        """The checked options, and the vectors of the hidden entities, (M, n, d);
+    def insert(self, method: Method) -> tuple[Method, Tensor] | None:
+        """The method with all its options, and the vectors of the hidden entities, (M, n, d);
         None if not all are finite.
         """
-        context = self.context
+        context, initializer = self.context, method.initializer
         if initializer.starts_from:  # of its own, as in an insertion
             context = replace(context, start=None)
         try:
-            options = options_of(initializer.name, given, "initializer")
-            return options, initializer.initialize(context, options).vectors
+            options = options_of(initializer.name, method.options, "initializer")
+            vectors = initializer.initialize(context, options).vectors
         except (InputError, NoRelationMap):
             return None
+        return replace(method, options=options), vectors
 
     def theta(self, vectors: Tensor) -> Embedding:
         """The embedding with vectors of the hidden entities, (M, n, d)."""
         theta0, places = self.context.theta0, self.context.novel[..., None].expand_as(vectors)
         return replace(theta0, entity=theta0.entity.scatter(1, places, vectors))
 
-    def measure(self, initializer: Registered, given: Mapping[str, Any]) -> Candidate | None:
-        """Insert the hidden entities and measure; None if the initializer has
-        no finite vectors for them.
-        """
-        inserted = self.insert(initializer, given)
-        return None if inserted is None else self.measured(initializer.name, *inserted)
+    def trial(self, method: Method) -> Trial | None:
+        """The trial of a method; None if it has no finite vectors for the hidden entities."""
+        inserted = self.insert(method)
+        return None if inserted is None else self.trial_of_vectors(*inserted)
 
-    def measured(self, initializer: str, options: Mapping[str, Any], vectors: Tensor) -> Candidate:
-        """The measures of vectors, (M, n, d), of an initializer with options."""
+    def trial_of_vectors(self, method: Method, vectors: Tensor) -> Trial:
+        """The trial of a method that has inserted the hidden entities; ``vectors``: (M, n, d)."""
         ranks = self._ranks_about(vectors)
         novel, asked = self.context.novel, self.about.counted
         is_hidden = (self.about.answers[..., None] == novel[:, None]).any(-1)
@@ -160,9 +158,9 @@ class HiddenDraws:
         harm = (1 / before - 1 / after).double()[..., counted].mean().item()
         if self.are_trained:
             harm *= 1 - EXCESS
-        return Candidate(
-            initializer,
-            options,
+        return Trial(
+            method.initializer.name,
+            method.options,
             self.context.scale.training.name,
             known_ends=_mrr(ranks[asked & ~is_hidden]),
             hidden_ends=_mrr(ranks[asked & is_hidden]),
@@ -297,13 +295,10 @@ class HoldOut:
             self.seed,
             torch.arange(draws)[:, None],
         )
-        return replace(
-            context,
-            by_kind=self.kinds is not None,
-        )
+        return replace(context, by_kind=self.kinds is not None)
 
 
-def _padded(listed: list[list[int]]) -> Tensor:
+def _padded(lists: list[list[int]]) -> Tensor:
     """Lists of ids as a table, padded with -1 to the longest."""
-    rows = [torch.tensor(ids, dtype=torch.int64) for ids in listed]
+    rows = [torch.tensor(ids, dtype=torch.int64) for ids in lists]
     return pad_sequence(rows, batch_first=True, padding_value=-1)

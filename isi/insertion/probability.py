@@ -51,7 +51,7 @@ def fit_curves(draws: HiddenDraws, method: Method) -> Curves | None:
     all relations has nearly the same log loss, but fewer of its answers above .9 are right; curves
     for each direction are no better.
     """
-    inserted = draws.insert(method.initializer, method.options)
+    inserted = draws.insert(method)
     if inserted is None:
         return None
     scores, right, relations = answers(draws, inserted[1])

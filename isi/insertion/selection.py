@@ -1,7 +1,7 @@
 """The default initializer: the best for hidden known entities, with a price on harm.
 
 Each candidate inserts the hidden entities of the hold-out test (``isi.insertion.hidden``); the
-selected one has the highest ``value``: its MRR about them, less the price of what earlier triples
+selected one has the highest ``net_mrr``: its MRR about them, less the price of what earlier triples
 lose.
 """
 
@@ -19,7 +19,7 @@ from isi.initializers.inverses import InverseRelations, unpack_first
 from isi.initializers.scale import Scale
 from isi.insertion.arguments import naming_argument
 from isi.insertion.engine import Method
-from isi.insertion.hidden import Candidate, HiddenDraws, HoldOut
+from isi.insertion.hidden import HiddenDraws, HoldOut, Trial
 from isi.models.losses import Loss, TrainingLoss, loss_named
 from isi.models.model import Model
 
@@ -42,16 +42,14 @@ PRICE, PRICE_BEYOND = 5.0, 25.0
 BETTER = 0.02
 #: The MRR of earlier triples is near chance if it is below so many times that of random ranks.
 NEAR_RANDOM = 2.0
-#: An initializer with options.
-Setting = tuple[Registered, dict[str, object]]
 
 
 @dataclass(frozen=True)
 class Selection:
-    """The candidates for the default initializer, and the selected one."""
+    """The trials of the candidates for the default initializer, and that of the selected one."""
 
-    candidates: list[Candidate]
-    selected: Candidate
+    trials: list[Trial]
+    selected: Trial
     allowed: float  #: harm that is allowed: loss of MRR of earlier triples
     hidden: int  #: number of hidden entities
     queries: int  #: number of their queried triples
@@ -62,7 +60,7 @@ class Selection:
 
     @property
     def why(self) -> str:
-        number = len(self.candidates)
+        number = len(self.trials)
         return f"the best of {number} candidates for {self.hidden} hidden known entities"
 
     @property
@@ -76,8 +74,8 @@ class Selection:
                 f"{best.initializer} is the best candidate, but the MRR of earlier triples may fall"
                 f" by {best.harm:.3f} (by {self.measured_on}), more than harm={self.allowed:g}"
             )
-        others = [each for each in self.candidates if each.initializer != best.initializer]
-        usable = [each for each in others if each.about > best.about + BETTER]
+        others = [trial for trial in self.trials if trial.initializer != best.initializer]
+        usable = [trial for trial in others if trial.about > best.about + BETTER]
         if usable:
             better = max(usable, key=_about)
             sentences.append(
@@ -105,20 +103,20 @@ class Selection:
         return {name: value for name, value in measures if isinstance(value, float)}
 
     def to_frame(self) -> pd.DataFrame:
-        """A row per candidate: the fields of ``Candidate``, number of queried triples,
-        whether it was selected.
+        """A row per trial: the fields of ``Trial``, number of queried triples, whether it was
+        selected.
         """
         import pandas as pd
 
         rows = []
-        for candidate in self.candidates:
-            is_selected = candidate is self.selected
-            rows.append(asdict(candidate) | {"queries": self.queries, "selected": is_selected})
+        for trial in self.trials:
+            is_selected = trial is self.selected
+            rows.append(asdict(trial) | {"queries": self.queries, "selected": is_selected})
         return pd.DataFrame(rows)
 
 
-def _about(candidate: Candidate) -> float:
-    return candidate.about
+def _about(trial: Trial) -> float:
+    return trial.about
 
 
 def select(
@@ -142,7 +140,7 @@ def select(
         if serves and each.name != method.initializer.name and not is_too_large(each, entities):
             compared.append(each)
     is_large = test.theta0.entity.numel() > LARGEST
-    selection = None if is_large else compare(compared, test, harm)
+    selection = None if is_large else selection_among(compared, test, harm)
     if selection is None:
         return method, None
     best = selection.selected
@@ -214,8 +212,10 @@ def one_score(model: Model) -> Model:
     return replace(model, heads_by_inverse=False) if isinstance(model, InverseRelations) else model
 
 
-def compare(initializers: Sequence[Registered], test: HoldOut, harm: float) -> Selection | None:
-    """Compare initializers, each with its defaults and with the options in its ``calibration``.
+def selection_among(
+    initializers: Sequence[Registered], test: HoldOut, harm: float
+) -> Selection | None:
+    """Try initializers, each with its defaults and with the options in its ``calibration``.
 
     None if there are too few known triples.
 
@@ -224,19 +224,19 @@ def compare(initializers: Sequence[Registered], test: HoldOut, harm: float) -> S
             where it is unknown, is that by which the first one is best.
         harm: see ``select``.
     """
-    settings = [setting for each in initializers for setting in settings_of(each, test)]
+    methods = [method for each in initializers for method in methods_of(each, test)]
     draws = test.hide()
     if draws is None:
         return None
-    draws, first = measured_with(draws, test.scales, settings[0], harm)
-    measured = [first, *(draws.measure(*setting) for setting in settings[1:])]
-    candidates = [candidate for candidate in measured if candidate is not None]
-    if not candidates:
+    draws, first = with_best_scale(draws, test.scales, methods[0], harm)
+    others = [draws.trial(method) for method in methods[1:]]
+    trials = [trial for trial in (first, *others) if trial is not None]
+    if not trials:
         return None
-    values = [value(candidate, harm) for candidate in candidates]
+    values = [net_mrr(trial, harm) for trial in trials]
     return Selection(
-        candidates,
-        candidates[int(np.argmax(values))],
+        trials,
+        trials[int(np.argmax(values))],
         harm,
         hidden=draws.context.novel.numel(),
         queries=int(draws.about.counted.sum()),
@@ -247,39 +247,39 @@ def compare(initializers: Sequence[Registered], test: HoldOut, harm: float) -> S
     )
 
 
-def measured_with(
-    draws: HiddenDraws, scales: Sequence[Scale], setting: Setting, harm: float
-) -> tuple[HiddenDraws, Candidate | None]:
-    """The draws with that scale by which an initializer with options is best, and its measures.
+def with_best_scale(
+    draws: HiddenDraws, scales: Sequence[Scale], method: Method, harm: float
+) -> tuple[HiddenDraws, Trial | None]:
+    """The draws with that scale by which a method is best, and its trial.
 
     Optima of a linear score are then sought near its vectors.
     """
-    initializer, given = setting
-    best: tuple[HiddenDraws, Candidate | None] = draws, None
+    best_draws, best = draws, None
     for scale in scales:
         of_scale = draws.with_scale(scale)
-        inserted = of_scale.insert(initializer, given)
+        inserted = of_scale.insert(method)
         if inserted is None:
             continue
-        candidate = of_scale.measured(initializer.name, *inserted)
-        if best[1] is None or value(candidate, harm) > value(best[1], harm):
-            sought = initializer.cost == "newton" and draws.context.theta0.model.linear
-            best = of_scale.starting_at(inserted[1]) if sought else of_scale, candidate
-    return best
+        trial = of_scale.trial_of_vectors(*inserted)
+        if best is None or net_mrr(trial, harm) > net_mrr(best, harm):
+            best_draws, best = of_scale, trial
+            if method.initializer.cost == "newton" and draws.context.theta0.model.linear:
+                best_draws = of_scale.starting_at(inserted[1])
+    return best_draws, best
 
 
-def settings_of(initializer: Registered, test: HoldOut) -> list[Setting]:
+def methods_of(initializer: Registered, test: HoldOut) -> list[Method]:
     """An initializer with its defaults, and with each of the options of its ``calibration``, unless
     it sees words alone, and there are facts.
     """
     defaults = defaults_of(initializer, test.words is not None)
-    settings: list[Setting] = [(initializer, defaults)]
+    options = [defaults]
     if initializer.needs != ("words",) or not test.numbers.any():
-        settings += [(initializer, {**defaults, **each}) for each in initializer.calibration]
-    return settings
+        options += [{**defaults, **changed} for changed in initializer.calibration]
+    return [Method(initializer, each, "a candidate") for each in options]
 
 
-def value(candidate: Candidate, harm: float) -> float:
+def net_mrr(trial: Trial, harm: float) -> float:
     """The MRR about hidden entities, less the price of the harm to earlier triples."""
-    beyond = max(0.0, candidate.harm - harm)
-    return candidate.about - PRICE * max(0.0, candidate.harm - beyond) - PRICE_BEYOND * beyond
+    beyond = max(0.0, trial.harm - harm)
+    return trial.about - PRICE * max(0.0, trial.harm - beyond) - PRICE_BEYOND * beyond
