@@ -7,6 +7,19 @@ from functools import cache
 from pathlib import Path
 
 PACKAGES = ("isi", "stages")
+#: Packages that the library does without where only its dependencies are installed.
+HEAVY = (
+    "ai2thor",
+    "dvc",
+    "gensim",
+    "matplotlib",
+    "numba",
+    "procthor",
+    "pyarrow",
+    "pykeen",
+    "rdflib",
+    "scipy",
+)
 #: Modules without effect on numbers, so that no stage depends on them: messages, process control,
 #: what DVC's files say, the start of a stage, and params, which pass on values of sections (each is
 #: defined beside the code that uses it).

@@ -12,6 +12,7 @@ import pytest
 
 import isi
 from isi.tables import paths
+from tests.imports import HEAVY
 
 ROOT = Path(__file__).parent.parent
 LOG = """head,relation,tail,count,room
@@ -37,18 +38,6 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 #: What the packages of the core do not need.
-LACKING = (
-    "ai2thor",
-    "dvc",
-    "gensim",
-    "matplotlib",
-    "numba",
-    "procthor",
-    "pyarrow",
-    "pykeen",
-    "rdflib",
-    "scipy",
-)
 
 
 def test_files_are_read_and_trained_on_anywhere_with_the_packages_of_the_core_alone(
@@ -60,7 +49,7 @@ def test_files_are_read_and_trained_on_anywhere_with_the_packages_of_the_core_al
     (tmp_path / "scene.json").write_text(json.dumps(scene), encoding="utf-8")
     code = f"""
 import sys
-sys.modules |= dict.fromkeys({LACKING})
+sys.modules |= dict.fromkeys({HEAVY})
 from isi.__main__ import main
 files = ["log.csv", "kitchen=scene.json"]
 main(["train", *files, "--describe"])

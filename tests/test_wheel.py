@@ -27,24 +27,13 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 from tests.documented import DOCS, blocks
+from tests.imports import HEAVY
 from tests.small_bundle import home_of
 
 ROOT = DOCS.parent
 #: Maximum number of distributions in an environment with the wheel alone; those that a CUDA build
 #: of torch adds.
 MOST, CUDA = 40, ("cuda-", "nvidia-", "triton")
-HEAVY = (
-    "ai2thor",
-    "dvc",
-    "gensim",
-    "matplotlib",
-    "numba",
-    "procthor",
-    "pyarrow",
-    "pykeen",
-    "rdflib",
-    "scipy",
-)
 BUILD = (
     "import sys; from setuptools import build_meta; print(getattr(build_meta, "
     "sys.argv[1])(sys.argv[2]))"
