@@ -167,7 +167,7 @@ def test_the_source_distribution_contains_the_documentation_and_no_data(built: B
     with tarfile.open(built.source) as archive:
         names = {name.partition("/")[2] for name in archive.getnames()}
     assert {"LICENSE", "NOTICE.md", "README.md", "CHANGELOG.md", "docs/insert.md"} <= names
-    assert not [name for name in names if name.startswith(("data", "reports", "tests"))]
+    assert not [name for name in names if name.startswith(("data", "reports", "stages", "tests"))]
 
 
 def test_the_page_on_a_package_index_has_no_link_that_breaks_there(built: Built) -> None:
