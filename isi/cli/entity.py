@@ -1,4 +1,4 @@
-"""Commands about a home, one for each verb of ``LiveEmbedding``: tell, move, remove, undo, ask, ...
+"""Commands about a home, one for each verb of ``Home``: tell, move, remove, undo, ask, ...
 
 A command imports its modules when it runs, so that ``--help`` does not wait for PyTorch. An
 ``InputError`` refuses a broken home or an unknown name.
@@ -24,8 +24,8 @@ from isi.tables import paths
 if TYPE_CHECKING:
     from isi.home.answers import Answer
     from isi.home.changes import Effect
-    from isi.home.embedding import LiveEmbedding
     from isi.home.explain import Explanation, Report
+    from isi.home.home import Home
 
 FEW = 5  #: Queries, notes and indicators in a text, unless ``--verbose``.
 LISTED = 20  #: Names of entities in a text.
@@ -47,7 +47,7 @@ class ChangeOptions:
     ] = None
     source: Annotated[str | None, Parameter(help="what reported it, for the history")] = None
     dry_run: Annotated[bool, Parameter(help="print the effect and change nothing")] = False
-    home: HomeFolder = HOME
+    folder: HomeFolder = HOME
     json: Json = False
 
     @property
@@ -56,11 +56,11 @@ class ChangeOptions:
         return {"time": self.time, "source": self.source}
 
     @contextmanager
-    def opened(self) -> Iterator[LiveEmbedding]:
+    def opened(self) -> Iterator[Home]:
         """The home, or a copy of it in memory."""
         printed = StringIO()  # a command that cannot write prints no result
-        with open_home(self.home, self.dry_run) as live, redirect_stdout(printed):
-            yield live
+        with home_in(self.folder, self.dry_run) as home, redirect_stdout(printed):
+            yield home
         print(printed.getvalue(), end="")
         if self.dry_run and not self.json:
             print("nothing is written")
@@ -86,12 +86,12 @@ class EntityOptions:
     verbose: Verbose = False
 
     def arguments(self) -> dict[str, Any]:
-        """The arguments of ``LiveEmbedding.tell`` but the facts."""
+        """The arguments of ``Home.tell`` but the facts."""
         given = {name: getattr(self, name) for name in GIVEN}
         return given | {"options": _options(self.initializer, self.set)}
 
 
-#: Arguments of ``LiveEmbedding.tell`` that are fields of ``EntityOptions``.
+#: Arguments of ``Home.tell`` that are fields of ``EntityOptions``.
 GIVEN = ("definition", "kind", "confidence", "new", "initializer", "seed")
 
 
@@ -122,13 +122,13 @@ def tell(
     if not (facts or from_ or entity):
         raise InputError("", "", "expected HEAD RELATION TAIL, --fact, --entity or --from FILE")
     given = about.arguments()
-    with change.opened() as live, flags(initializer="--initializer", options="--set"):
+    with change.opened() as home, flags(initializer="--initializer", options="--set"):
         if from_:
-            listed, kinds = _from_files(live, from_)
+            listed, kinds = _from_files(home, from_)
             facts += listed
             given |= {"kind": about.kind or kinds, "new": True}  # names in files are exact
-        effect = live.tell(facts, entities=entity, **given, **change.stamp)
-        _show_effect(live, effect, about, change.json)
+        effect = home.tell(facts, entities=entity, **given, **change.stamp)
+        _show_effect(home, effect, about, change.json)
 
 
 def insert(
@@ -158,9 +158,9 @@ def insert(
     facts = [(name, *pair) for pair in fact] + [(*pair, name) for pair in inverse_fact]
     facts += [_about(name, whole) for whole in whole_fact]
     given = about.arguments()
-    with change.opened() as live, flags(initializer="--initializer", options="--set"):
-        effect = live.insert(name, facts, upsert=upsert, **given, **change.stamp)
-        _show_effect(live, effect, about, change.json)
+    with change.opened() as home, flags(initializer="--initializer", options="--set"):
+        effect = home.insert(name, facts, upsert=upsert, **given, **change.stamp)
+        _show_effect(home, effect, about, change.json)
 
 
 def observe(
@@ -171,9 +171,9 @@ def observe(
     change: ChangeOptions = ChangeOptions(),
 ) -> None:
     """Tell facts of entities that are known."""
-    with change.opened() as live:
-        effect = live.observe(list(fact), upsert=new, confidence=confidence, **change.stamp)
-        summary(live, effect, change.json)
+    with change.opened() as home:
+        effect = home.observe(list(fact), upsert=new, confidence=confidence, **change.stamp)
+        summary(home, effect, change.json)
 
 
 def move(
@@ -187,9 +187,9 @@ def move(
     change: ChangeOptions = ChangeOptions(),
 ) -> None:
     """Replace the facts with this head and relation by one fact: what was moved is in one place."""
-    with change.opened() as live:
-        effect = live.move(head, relation, tail, instead_of=instead_of, **change.stamp)
-        summary(live, effect, change.json)
+    with change.opened() as home:
+        effect = home.move(head, relation, tail, instead_of=instead_of, **change.stamp)
+        summary(home, effect, change.json)
 
 
 def remove(
@@ -198,14 +198,14 @@ def remove(
     """Take back inserted entities with all their facts, or single facts,
     those of training included.
     """
-    with change.opened() as live:
-        summary(live, live.remove(list(entity), list(fact), **change.stamp), change.json)
+    with change.opened() as home:
+        summary(home, home.remove(list(entity), list(fact), **change.stamp), change.json)
 
 
 def undo(*, change: ChangeOptions = ChangeOptions()) -> None:
     """Take the last change back; the next time, the one before."""
-    with change.opened() as live:
-        summary(live, live.undo(**change.stamp), change.json)
+    with change.opened() as home:
+        summary(home, home.undo(**change.stamp), change.json)
 
 
 def history(
@@ -213,7 +213,7 @@ def history(
     stale: Annotated[
         str | None, Parameter(help="list facts that were not seen for so long: 30d, 12h")
     ] = None,
-    home: HomeFolder = HOME,
+    folder: HomeFolder = HOME,
     json: Json = False,
 ) -> None:
     """List all changes, those that were undone included; or facts that may have changed."""
@@ -222,16 +222,16 @@ def history(
     if stale is not None:
         with at("--stale"):
             age = AGE.validate_python(stale)
-        with open_home(home) as live:
-            facts = live.stale(age)
+        with home_in(folder) as home:
+            facts = home.stale(age)
         rows = [
             {"fact": row.fact, "count": row.count, "last_seen": row.last_seen, "source": row.source}
             for row in facts
         ]
         show({"stale": rows}, json)
         return
-    with open_home(home) as live:
-        changes = live.history
+    with home_in(folder) as home:
+        changes = home.history
     listed = [
         {
             "change": f"{each.verb}{' (undone)' * each.undone}",
@@ -264,7 +264,7 @@ def ask(
             name="--from", help="table of queries: head, relation, tail; ? is what is asked for"
         ),
     ] = None,
-    home: HomeFolder = HOME,
+    folder: HomeFolder = HOME,
     top: Top = 10,
     json: Json = False,
 ) -> None:
@@ -274,15 +274,15 @@ def ask(
     if (from_ is None) == (head is None and relation is None and tail is None):
         raise InputError("", "", "expected either two of HEAD, RELATION and --tail, or --from FILE")
     candidates = list(among) or None
-    with open_home(home) as live:
+    with home_in(folder) as home:
         if from_ is None:
             with flags(ask="", entity="ENTITY", relation="RELATION"):
-                ranked = [live.ask(head, relation, tail, top, new=new, among=candidates)]
+                ranked = [home.ask(head, relation, tail, top, new=new, among=candidates)]
         else:
             ranked = []
             for line, query in _queries(from_):
                 with at(from_, f"line {line}"):
-                    ranked.append(live.ask(*query, top=top, new=new, among=candidates))
+                    ranked.append(home.ask(*query, top=top, new=new, among=candidates))
     if json:
         rows = [asdict(answers) | {"sure": answers.sure} for answers in ranked]
         show(rows[0] if from_ is None else {"results": rows}, True)
@@ -311,29 +311,29 @@ def _queries(file: Path) -> Iterator[tuple[int, tuple[str | None, str | None, st
 def explain(
     entity: Annotated[str, Parameter(help="an inserted entity")],
     *,
-    home: HomeFolder = HOME,
+    folder: HomeFolder = HOME,
     verbose: Verbose = False,
     json: Json = False,
 ) -> None:
     """Explain an insertion: its facts, its words and its indicators."""
-    with open_home(home) as live, flags(entity="ENTITY"):
-        explanation = live.explain(entity)
+    with home_in(folder) as home, flags(entity="ENTITY"):
+        explanation = home.explain(entity)
     show(asdict(explanation), True) if json else print(
         *why_in_words(explanation, verbose), sep="\n"
     )
 
 
-def _show_effect(live: LiveEmbedding, effect: Effect, about: EntityOptions, json: bool) -> None:
+def _show_effect(home: Home, effect: Effect, about: EntityOptions, json: bool) -> None:
     """Print what a change did; of one new entity, what is predicted about it."""
     if len(effect.inserted) != 1:
-        summary(live, effect, json)
+        summary(home, effect, json)
         return
-    report = live.report(effect.inserted[0], about.top)
+    report = home.report(effect.inserted[0], about.top)
     if json:
         show(asdict(effect) | {"report": asdict(report)}, True)
         return
     further = [note for note in effect.notes if note not in report.notes]
-    print(*in_words(report, about.verbose), *_mrr_in_words(live), *further, sep="\n")
+    print(*in_words(report, about.verbose), *_mrr_in_words(home), *further, sep="\n")
 
 
 def in_words(report: Report, verbose: bool) -> Iterator[str]:
@@ -372,7 +372,7 @@ def why_in_words(explanation: Explanation, verbose: bool) -> Iterator[str]:
     yield from explanation.notes[:most]
 
 
-def summary(live: LiveEmbedding, effect: Effect, json: bool) -> None:
+def summary(home: Home, effect: Effect, json: bool) -> None:
     """Print what a change did."""
     if json:
         show(asdict(effect), True)
@@ -390,14 +390,14 @@ def summary(live: LiveEmbedding, effect: Effect, json: bool) -> None:
     if effect.known:
         lines.append(f"facts seen again: {effect.known:,}")
     has_vectors = effect.inserted or effect.updated
-    measured = list(_mrr_in_words(live)) if has_vectors else []
+    measured = list(_mrr_in_words(home)) if has_vectors else []
     nothing = [] if lines or effect.notes else ["nothing has changed"]
     print(*lines, *nothing, *measured, *effect.notes, sep="\n")
 
 
-def _mrr_in_words(live: LiveEmbedding) -> Iterator[str]:
+def _mrr_in_words(home: Home) -> Iterator[str]:
     """What all insertions cost earlier knowledge."""
-    if measured := live.interference():
+    if measured := home.interference():
         yield (
             f"MRR of known triples: {measured.h_old:.3f} before all insertions, "
             f"{measured.h_cur:.3f} now"
@@ -439,21 +439,19 @@ def _about(name: str, fact: tuple[str, str, str]) -> tuple[str, str, str]:
     return fact
 
 
-def _from_files(
-    live: LiveEmbedding, files: Sequence[Path]
-) -> tuple[list[list[str]], Mapping[str, str]]:
+def _from_files(home: Home, files: Sequence[Path]) -> tuple[list[list[str]], Mapping[str, str]]:
     """The facts of files, and the kinds of new names that the home has."""
     from isi.graph.files import read_graph
 
     tables, _ = read_graph(files)
     facts = tables.triples[["head", "relation", "tail"]].to_numpy().tolist()
-    known, kinds = live.now.names, {*live.base.kinds}
+    known, kinds = home.now.names, {*home.base.kinds}
     entities = tables.entities[["entity", "kind"]].astype(str).itertuples(index=False)
     new = {name: kind for name, kind in entities if kind in kinds and known.same(name) is None}
     return facts, new
 
 
-def open_home(path: Path, dry_run: bool = False) -> LiveEmbedding:
+def home_in(path: Path, dry_run: bool = False) -> Home:
     """Open the home of a folder. An ``InputError`` refuses a missing or broken one."""
     if path == HOME and not path.exists():
         expected = f"no such folder in {Path.cwd()}: name a home by --home DIR or ISI_HOME"
@@ -462,9 +460,9 @@ def open_home(path: Path, dry_run: bool = False) -> LiveEmbedding:
     gc.disable()
     import torch
 
-    from isi.home.embedding import open_live
+    from isi.home.home import open_home
 
     gc.freeze()
     gc.enable()
     torch.set_num_threads(1)  # so that equal commands write equal bytes
-    return open_live(path, "memory" if dry_run else "full")
+    return open_home(path, "memory" if dry_run else "full")

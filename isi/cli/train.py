@@ -64,8 +64,8 @@ def train(
     import torch
 
     from isi.graph.files import path_of, read_graph
-    from isi.home.database import Home, check_free
-    from isi.home.embedding import LiveEmbedding, open_live
+    from isi.home.database import Database, check_free
+    from isi.home.home import Home, open_home
     from isi.home.phrases import with_words
     from isi.home.train import described, is_home, train_again, train_bundle
 
@@ -82,9 +82,9 @@ def train(
         if len(files) > 1 or out or entities or reader or set or describe:
             expected = "expected no other FILE and no option of files: a home is trained as it is"
             raise InputError(again, "", expected)
-        with open_live(again) as live, names:
-            print(train_again(live, vectors, **options, seed=seed))
-            live.prepare(progress=True)
+        with open_home(again) as home, names:
+            print(train_again(home, vectors, **options, seed=seed))
+            home.prepare(progress=True)
         print(f"The home is trained again on all that holds: {again}")
         return
     if out is None and not describe:
@@ -106,8 +106,8 @@ def train(
     with names:
         bundle, summary = train_bundle(tables, **options, seed=seed)  # type: ignore[arg-type]
     bundle = with_words(bundle, vectors)
-    with LiveEmbedding(bundle, Home.create(bundle, out)) as live:
-        live.prepare(progress=True)
+    with Home(bundle, Database.create(bundle, out)) as home:
+        home.prepare(progress=True)
     print(*lines(read, are_names=True), *warnings, summary, sep="\n")
     head, relation, tail = map(shlex.quote, bundle.named_triples()[0])
     folder = "" if out == HOME else f" --home {shlex.quote(str(out))}"

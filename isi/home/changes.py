@@ -10,7 +10,7 @@ from pydantic import BeforeValidator, Field
 from isi.config import Section, Seed, check, plain_numbers
 from isi.errors import InputError, short
 from isi.home.bundle import Fact, NewEntity, Text
-from isi.home.database import Home
+from isi.home.database import Database
 from isi.insertion.arguments import listed_triples
 from isi.names import clean
 
@@ -119,7 +119,7 @@ LISTS = {
 }
 
 
-def changes_of(home: Home, first: int = 0) -> list[Change]:
+def changes_of(database: Database, first: int = 0) -> list[Change]:
     """The changes of a home from a number on, in order."""
     changes = dict[int, Change]()
     query = (
@@ -127,7 +127,7 @@ def changes_of(home: Home, first: int = 0) -> list[Change]:
         " FROM change LEFT JOIN effect ON effect.change = coalesce(undoes, id)"
         " WHERE id >= ? ORDER BY id, effect.rowid"
     )
-    for number, verb, time, source, undone, undoes, effect, *item in home.read(query, first):
+    for number, verb, time, source, undone, undoes, effect, *item in database.read(query, first):
         made = Change(number, verb, datetime.fromisoformat(time), source, undone is not None)
         change = changes.setdefault(number, made)
         if effect is None:

@@ -212,7 +212,7 @@ class StoredFact:
         return self.head, self.relation, self.tail
 
 
-class Home:
+class Database:
     """A database, in a folder or in memory."""
 
     def __init__(self, folder: Path | None, connection: sqlite3.Connection) -> None:
@@ -226,25 +226,27 @@ class Home:
     # -- open and close ----------------------------------------------------------------------------
 
     @classmethod
-    def create(cls, bundle: Bundle, folder: Path | None = None, time: str | None = None) -> "Home":
+    def create(
+        cls, bundle: Bundle, folder: Path | None = None, time: str | None = None
+    ) -> "Database":
         """A home of a trained embedding, in a folder or in memory.
 
         ``InputError`` if a home with changes is there, or what the folder has is no home.
         """
-        home = cls(None, _connected(":memory:"))
-        home._upgrade()
-        with home.training(bundle, time):
+        database = cls(None, _connected(":memory:"))
+        database._upgrade()
+        with database.training(bundle, time):
             pass
         if folder is None:
-            return home
-        with home:
-            home.write_to(folder, bundle)
+            return database
+        with database:
+            database.write_to(folder, bundle)
         written = cls.opened(folder)
         written.read_training = written.last_training()
         return written
 
     @classmethod
-    def opened(cls, folder: Path, durability: Durability = "full") -> "Home":
+    def opened(cls, folder: Path, durability: Durability = "full") -> "Database":
         """The home of a folder. ``InputError`` where there is none, or another program's file."""
         if not (folder / DATABASE).is_file():
             files = "; of these files, isi import makes one" * (folder / MANIFEST).is_file()
@@ -257,40 +259,40 @@ class Home:
         return cls._in_folder(folder)
 
     @classmethod
-    def _in_folder(cls, folder: Path) -> "Home":
-        home = cls(folder, _connected(str(folder / DATABASE)))
+    def _in_folder(cls, folder: Path) -> "Database":
+        database = cls(folder, _connected(str(folder / DATABASE)))
         try:
-            if not home._check_version():
-                raise InputError(home.path, "", "expected the database of a home")
-            home.read("PRAGMA journal_mode = WAL")
-            home.read("PRAGMA synchronous = FULL")
-            home._upgrade()
+            if not database._check_version():
+                raise InputError(database.path, "", "expected the database of a home")
+            database.read("PRAGMA journal_mode = WAL")
+            database.read("PRAGMA synchronous = FULL")
+            database._upgrade()
         except BaseException:
-            home.close()
+            database.close()
             raise
-        return home
+        return database
 
     @classmethod
-    def _to_read(cls, folder: Path) -> "Home":
+    def _to_read(cls, folder: Path) -> "Database":
         """A home whose folder stays as it is: it may be on a disk that is read-only."""
         path, parameters = folder / DATABASE, "mode=rw"  # which leaves no files for readers
         if not os.access(folder, os.W_OK):
             has_writer = path.with_name(f"{DATABASE}-wal").exists()
             parameters = "mode=ro" + "&immutable=1" * (not has_writer)
-        home = cls(folder, _connected(f"{path.absolute().as_uri()}?{parameters}"))
-        home.is_read_only = True
+        database = cls(folder, _connected(f"{path.absolute().as_uri()}?{parameters}"))
+        database.is_read_only = True
         try:
-            if not home._check_version():
-                raise InputError(home.path, "", "expected the database of a home")
-            home.read("PRAGMA query_only = 1")
+            if not database._check_version():
+                raise InputError(database.path, "", "expected the database of a home")
+            database.read("PRAGMA query_only = 1")
         except BaseException:
-            home.close()
+            database.close()
             raise
-        return home
+        return database
 
-    def copied(self) -> "Home":
+    def copied(self) -> "Database":
         """A copy in memory; it reads its trained vectors from the same folder."""
-        copy = Home(None, _connected(":memory:"))
+        copy = Database(None, _connected(":memory:"))
         copy.vectors_folder = self.vectors_folder
         with self._in_words():
             self.connection.backup(copy.connection)
@@ -309,7 +311,7 @@ class Home:
         with self.copied() as copy:
             copy.set("vectors", write_vectors(folder, bundle))
             if (folder / DATABASE).exists():
-                with Home._in_folder(folder) as there, there._in_words():
+                with Database._in_folder(folder) as there, there._in_words():
                     copy.connection.backup(there.connection)
             else:
                 copy._link(folder / DATABASE)
@@ -348,7 +350,7 @@ class Home:
             self._connection.close()
         self._connection = None
 
-    def __enter__(self) -> "Home":
+    def __enter__(self) -> "Database":
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -695,8 +697,8 @@ def check_free(folder: Path) -> None:
     if DATABASE not in present:
         expected = "expected an empty folder, or a home without changes"
         raise InputError(folder, present[0], f"not a file of a home: {expected}")
-    with Home.opened(folder) as home:
-        if number := home.number_of_changes():
+    with Database.opened(folder) as database:
+        if number := database.number_of_changes():
             message = f"holds {number:,} changes: choose another folder, or retrain it (isi train)"
             raise InputError(folder, "", message)
 
@@ -724,8 +726,8 @@ def _remove_vectors(folder: Path) -> None:
     the last.
     """
     with suppress(OSError, InputError):
-        with Home._to_read(folder) as home:
-            in_force = home.vectors_file
+        with Database._to_read(folder) as database:
+            in_force = database.vectors_file
         files = [path for path in folder.glob("vectors-*.safetensors") if path.name != in_force]
         files.sort(key=_age, reverse=True)
         for path in files[1:]:

@@ -18,7 +18,7 @@ from isi.errors import InputError
 from isi.evaluation.platt import PlattCurve
 from isi.graph.vocabulary import ids_by_name
 from isi.home.bundle import Fact, NewEntity
-from isi.home.database import Home
+from isi.home.database import Database
 from isi.home.loaded import LoadedEmbedding
 from isi.home.phrases import PhraseVector, PhraseVectors
 from isi.initializers.scale import fit_scale
@@ -100,7 +100,7 @@ class InsertedEntity:
     notes: tuple[str, ...]
     conditions: Conditions
 
-    def store(self, home: Home, change: int) -> None:
+    def store(self, database: Database, change: int) -> None:
         """Write it into a home, as a change's."""
         values = {
             "entity": self.entity,
@@ -115,10 +115,10 @@ class InsertedEntity:
             "words": self.conditions.words,
             "vector": self.vector.tobytes(),
         }
-        home.put_vector(values)
+        database.put_vector(values)
 
 
-def stored(home: Home, after: int, dtype: np.dtype[Any]) -> dict[str, InsertedEntity]:
+def stored(database: Database, after: int, dtype: np.dtype[Any]) -> dict[str, InsertedEntity]:
     """The inserted entities whose vectors changes after one have written; ``dtype``: of vectors."""
     query = (
         "SELECT entity, vector, vector.kind, vector.initializer, vector.options, why, fallback,"
@@ -126,7 +126,7 @@ def stored(home: Home, after: int, dtype: np.dtype[Any]) -> dict[str, InsertedEn
         " FROM vector JOIN entity ON entity.name = vector.entity WHERE change > ?"
     )
     rows = dict[str, InsertedEntity]()
-    for name, vector, kind, initializer, options, why, fallback, notes, *about in home.read(
+    for name, vector, kind, initializer, options, why, fallback, notes, *about in database.read(
         query, after
     ):
         number, words, requested, asked, seed = about
@@ -161,7 +161,7 @@ class EntityGroups:
 
     base: LoadedEmbedding
     phrases: PhraseVectors | None
-    home: Home  #: where choices are stored
+    database: Database  #: where choices are stored
     _choices: dict[tuple[int, bool, str], Choice] = field(default_factory=dict)
     _warnings: list[str] = field(default_factory=list)  #: of choices that were made now
 
@@ -354,7 +354,7 @@ class EntityGroups:
             "SELECT initializer, options, why, trained_with, warnings, curves FROM choice"
             " WHERE facts = ? AND words = ? AND requested = ?"
         )
-        rows = self.home.read(query, *key)
+        rows = self.database.read(query, *key)
         if not rows:
             return None
         initializer, options, why, trained_with, warnings, curves = rows[0]
@@ -371,11 +371,15 @@ class EntityGroups:
             json.dumps(list(choice.warnings)),
             _text_of(choice.curves),
         )
-        if self.home.is_read_only:
+        if self.database.is_read_only:
             return choice
-        with self.home.transaction():
-            if self.home.last_training() == self.home.read_training:  # else it is of another home
-                self.home.read("REPLACE INTO choice VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)", *values)
+        with self.database.transaction():
+            if (
+                self.database.last_training() == self.database.read_training
+            ):  # else it is of another home
+                self.database.read(
+                    "REPLACE INTO choice VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)", *values
+                )
         return choice
 
     def _hold_out(self, number: int, words: bool) -> HoldOut:

@@ -43,7 +43,7 @@ from isi.graph.sessions import TEST, TRAIN, VALID, Session, session_of, split
 from isi.graph.vocabulary import Vocabulary
 from isi.home.bundle import Bundle, Manifest
 from isi.home.database import DATABASE
-from isi.home.embedding import LiveEmbedding, open_live
+from isi.home.home import Home, open_home
 from isi.home.names import by_known_name, note_of_kinds
 from isi.home.phrases import OF_MODEL, by_model, has_model, with_words
 from isi.insertion.arguments import (
@@ -214,7 +214,7 @@ def with_kinds(
 
 
 def train(
-    triples: TripleForms | str | Path | LiveEmbedding,
+    triples: TripleForms | str | Path | Home,
     *,
     kinds: Mapping[str, str] | None = None,
     vectors: str | Path | None = None,
@@ -223,7 +223,7 @@ def train(
     dimension: int = 100,
     budget: float = 60,
     seed: int = 0,
-) -> LiveEmbedding:
+) -> Home:
     """Train an embedding of triples by name (in any form of ``isi.insert``), of a file that
     ``isi train`` reads, or of what a home knows by now: it is then the same home, with its kinds
     and its history.
@@ -251,8 +251,8 @@ def train(
     path = check(vectors, str | Path | None, "", "argument 'vectors'")  # type: ignore[arg-type]
     file = None if path is None else Path(path)
     if isinstance(triples, str | Path) and is_home(Path(triples)):
-        triples = open_live(triples)
-    if isinstance(triples, LiveEmbedding):
+        triples = open_home(triples)
+    if isinstance(triples, Home):
         if kinds:
             raise InputError("argument 'kinds'", "", "expected none: a home has its kinds")
         warn(train_again(triples, file, **options))
@@ -273,7 +273,7 @@ def train(
             warnings.warn(f"kinds: {note}", stacklevel=2)
     bundle, summary = train_bundle(tables, **options)  # type: ignore[arg-type]
     warn(summary)
-    return LiveEmbedding(with_words(bundle, file))
+    return Home(with_words(bundle, file))
 
 
 def warn(summary: TrainingSummary) -> None:
@@ -287,23 +287,21 @@ def is_home(path: Path) -> bool:
     return (path / DATABASE).is_file()
 
 
-def train_again(
-    live: LiveEmbedding, vectors: Path | None = None, **options: Any
-) -> TrainingSummary:
+def train_again(home: Home, vectors: Path | None = None, **options: Any) -> TrainingSummary:
     """Train a home again on all facts that hold, with its kinds; ``options``: of
     ``train_bundle``.
     """
-    bundle, summary = train_bundle(tables_of_home(live), **options)
-    words = live.base.manifest.words
+    bundle, summary = train_bundle(tables_of_home(home), **options)
+    words = home.base.manifest.words
     if vectors is None and words is not None and Path(words.source).is_file():
         vectors = Path(words.source)
-    live.train_again(with_words(bundle, vectors))
+    home.train_again(with_words(bundle, vectors))
     return summary
 
 
-def tables_of_home(live: LiveEmbedding) -> GraphTables:
+def tables_of_home(home: Home) -> GraphTables:
     """The graph of the facts that hold in a home, with their counts, kinds and phrases."""
-    rows, now = live.facts, live.now
+    rows, now = home.facts, home.now
     listed = [(*row.fact, row.count) for row in rows]
     frame = pd.DataFrame(listed, columns=[*TRIPLE, COUNT])
     tables = build_tables(MinedSource("home", frame, Naming()(frame, ())))
@@ -449,7 +447,7 @@ def bundle_of(
     }
     kinds = ["" if kind == ENTITY else kind for kind in tables.entities["kind"].astype(str)]
     phrases = list(tables.entities["phrase"].astype(str))
-    # without the sentence model, a live embedding takes the words of its vocabulary
+    # without the sentence model, a home takes the words of its vocabulary
     words, source = None, None
     if has_model():
         words, source = np.stack(list(map(by_model, phrases))), OF_MODEL

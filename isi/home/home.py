@@ -1,4 +1,4 @@
-"""A live embedding: a trained one that is told of entities and facts, and answers.
+"""A home: a trained embedding that is told of entities and facts, and answers.
 
 The rows of trained entities never change. The vector of an inserted entity is a function of its
 facts: it is computed again from all of them whenever one comes or goes, in whatever order they
@@ -31,7 +31,7 @@ from isi.graph.vocabulary import Vocabulary
 from isi.home.answers import Answers, Curve, answer, answer_relation, fit_curve
 from isi.home.bundle import Bundle, Fact
 from isi.home.changes import Change, Effect, Stamp, TellOptions, changes_of, checked_facts, names_in
-from isi.home.database import Durability, Home, StoredFact, as_text, now
+from isi.home.database import Database, Durability, StoredFact, as_text, now
 from isi.home.explain import Explanation, Report, Snapshot, explain, report
 from isi.home.groups import Computed, EntityGroups, EntityInput, InsertedEntity, stored
 from isi.home.loaded import LoadedEmbedding, Query
@@ -103,13 +103,13 @@ def _one_at_a_time(
     return decorate
 
 
-def _question(live: LiveEmbedding) -> AbstractContextManager[None]:
-    return live.home.snapshot()
+def _question(home: Home) -> AbstractContextManager[None]:
+    return home.database.snapshot()
 
 
 @contextmanager
-def _change(live: LiveEmbedding) -> Iterator[None]:
-    with live._or_as_before(), live.home.transaction():
+def _change(home: Home) -> Iterator[None]:
+    with home._or_as_before(), home.database.transaction():
         yield
 
 
@@ -117,7 +117,7 @@ reads = _one_at_a_time(_question)
 changes = _one_at_a_time(_change)
 
 
-class LiveEmbedding:
+class Home:
     """An embedding that lives with a robot. ``isi.open``, ``isi.train`` and
     ``isi.from_pykeen`` make one.
 
@@ -138,31 +138,31 @@ class LiveEmbedding:
         ['mug']
     """
 
-    def __init__(self, bundle: Bundle, home: Home | None = None) -> None:
+    def __init__(self, bundle: Bundle, database: Database | None = None) -> None:
         """Use ``isi.open``, ``isi.train`` or ``isi.from_pykeen``.
 
         ``home``: of the bundle; None: one in memory.
         """
         self._lock, self._is_inside = RLock(), False
         loaded = bundle if isinstance(bundle, LoadedEmbedding) else LoadedEmbedding(**vars(bundle))
-        loaded = with_words(loaded) if home is None else _with_own_words(loaded)
-        self.home = home or Home.create(loaded)
+        loaded = with_words(loaded) if database is None else _with_own_words(loaded)
+        self.database = database or Database.create(loaded)
         self._now: LoadedEmbedding | None = None
         self._known_triples: np.ndarray | None = None
         self._known_names: Vocabulary | None = None
         self._known_relations: Vocabulary | None = None
-        with usual_torch(), self.home.snapshot():
+        with usual_torch(), self.database.snapshot():
             self._load(loaded)
 
     def _load(self, base: LoadedEmbedding) -> None:
         """Derive everything from the tables."""
         self.base = base  #: the trained entities, with the triples of training
-        self.groups = EntityGroups(base, phrase_vectors(base), self.home)
+        self.groups = EntityGroups(base, phrase_vectors(base), self.database)
         self._known_curves = dict[tuple[int, int], Curve | None]()  # by relation and slot
         self._last = self._last_change()
         self._rows = dict[str, InsertedEntity]()
         self._read_rows(0)
-        self._version = self.home.version()
+        self._version = self.database.version()
 
     # -- changes -----------------------------------------------------------------------------------
 
@@ -284,12 +284,12 @@ class LiveEmbedding:
         (fact,) = listed = self._as_known({(head, relation, tail): None})
         with self._changing("move", stamp) as change:
             self._refuse_unknown(listed, ())
-            old = [row.fact for row in self.home.facts_of(fact[0]) if row.fact[:2] == fact[:2]]
+            old = [row.fact for row in self.database.facts_of(fact[0]) if row.fact[:2] == fact[:2]]
             if instead_of is not None:
                 old = [(*fact[:2], self._known.same(instead_of) or clean(instead_of))]
             for each in old:
                 if each != fact:
-                    self.home.take_fact(change.number, each)
+                    self.database.take_fact(change.number, each)
             self._add_facts(change, listed)
         return change.result
 
@@ -314,10 +314,10 @@ class LiveEmbedding:
         with self._changing("remove", stamp) as change:
             self._refuse_unknown(listed, ())
             for fact in listed:
-                self.home.take_fact(change.number, fact)
+                self.database.take_fact(change.number, fact)
             for name in names:
                 known = self._known.find(name)
-                self.home.remove_entity(change.number, self._inserted(known))
+                self.database.remove_entity(change.number, self._inserted(known))
         return change.result
 
     @changes
@@ -331,7 +331,7 @@ class LiveEmbedding:
             ['mug']
         """
         with self._changing("undo", stamp) as change:
-            self.home.put_back(change.number)
+            self.database.put_back(change.number)
         return change.result
 
     @property
@@ -344,7 +344,7 @@ class LiveEmbedding:
             [('tell', [('mug', 'in', 'kitchen')])]
         """
         with self._lock:
-            return changes_of(self.home, FIRST_TRAINING + 1)
+            return changes_of(self.database, FIRST_TRAINING + 1)
 
     @reads
     def stale(self, age: timedelta, since: datetime | None = None) -> list[StoredFact]:
@@ -356,13 +356,13 @@ class LiveEmbedding:
             >>> [row.fact for row in home.stale(timedelta(days=30))]
             []
         """
-        ((trained,),) = self.home.read("SELECT max(time) FROM change WHERE verb = 'train'")
+        ((trained,),) = self.database.read("SELECT max(time) FROM change WHERE verb = 'train'")
         try:
             before = as_text((since or now()) - age)
         except OverflowError as error:
             raise InputError("argument 'age'", "", f"expected fewer years, got {age}") from error
         last = "coalesce(last_seen, ?)"
-        rows = self.home.facts(f"status <> 'retracted' AND {last} < ?", trained, before)
+        rows = self.database.facts(f"status <> 'retracted' AND {last} < ?", trained, before)
         return sorted(rows, key=lambda row: row.last_seen or trained)
 
     def prepare(self, progress: bool = False) -> None:
@@ -534,7 +534,7 @@ class LiveEmbedding:
     @property
     def folder(self) -> Path | None:
         """Of the home; None in memory."""
-        return self.home.folder
+        return self.database.folder
 
     @property
     @reads
@@ -560,7 +560,7 @@ class LiveEmbedding:
             (('mug', 'in', 'kitchen'), 'added', 0.8, 'camera')
         """
         with self._lock:
-            return self.home.facts("status <> 'retracted'")
+            return self.database.facts("status <> 'retracted'")
 
     @property
     @reads
@@ -572,7 +572,7 @@ class LiveEmbedding:
             (6, 3)
         """
         if self._known_triples is None:
-            retracted = self.home.facts("status = 'retracted'")
+            retracted = self.database.facts("status = 'retracted'")
             self._known_triples = self.base.triples_without([row.fact for row in retracted])
         return self._known_triples
 
@@ -587,7 +587,7 @@ class LiveEmbedding:
     def _as_it_is(self, rows: Mapping[str, InsertedEntity]) -> LoadedEmbedding:
         """The bundle with inserted entities, and what the tables say holds."""
         base = self.base
-        new = self.home.read(
+        new = self.database.read(
             "SELECT name, vector FROM relation WHERE vector IS NOT NULL ORDER BY id"
         )
         vectors = [np.frombuffer(each, base.relations.dtype)[None] for _, each in new]
@@ -607,7 +607,7 @@ class LiveEmbedding:
         labels = larger.labels.ids
         query = "SELECT head, relation, tail FROM fact WHERE status = ? ORDER BY id"
         usable = {
-            status: [fact for fact in self.home.read(query, status) if fact[1] in labels]
+            status: [fact for fact in self.database.read(query, status) if fact[1] in labels]
             for status in ("added", "retracted")
         }
         added, retracted = larger.ids_of(usable["added"]), larger.ids_of(usable["retracted"])
@@ -623,7 +623,7 @@ class LiveEmbedding:
     @property
     def _relations(self) -> Vocabulary:
         if self._known_relations is None:
-            names = [name for (name,) in self.home.read("SELECT name FROM relation")]
+            names = [name for (name,) in self.database.read("SELECT name FROM relation")]
             self._known_relations = Vocabulary("relation", names)
         return self._known_relations
 
@@ -648,24 +648,24 @@ class LiveEmbedding:
         if folder is None and self.folder is None:
             raise InputError("save", "", "expected a folder: this home is in memory")
         if folder is not None:
-            self.home.write_to(Path(folder), self.base)
+            self.database.write_to(Path(folder), self.base)
 
     def train_again(self, bundle: Bundle) -> None:
         """Make a newly trained embedding that of this home; ``isi.train(home)`` calls it."""
         loaded = with_words(LoadedEmbedding(**vars(bundle)))
-        training = self.home.training(loaded, keep=True)
+        training = self.database.training(loaded, keep=True)
         with self._lock, usual_torch(), self._or_as_before(), training as number:
             self._load(loaded)
-            if names := self.home.inserted():  # they came while this was trained
+            if names := self.database.inserted():  # they came while this was trained
                 computed = self.groups.insert(self._inputs_of(names), self.known_triples)
-                added = [row.fact for row in self.home.facts("status = 'added'")]
+                added = [row.fact for row in self.database.facts("status = 'added'")]
                 self._rows = {name: computed[name].entity for name in names}
                 self._write(number, computed, added)
 
     def close(self) -> None:
         """Close the home. What is done with it afterwards is an ``InputError``."""
         with self._lock:
-            self.home.close()
+            self.database.close()
 
     def __enter__(self) -> Self:
         return self
@@ -675,11 +675,11 @@ class LiveEmbedding:
 
     def __repr__(self) -> str:
         sizes = self.base.sizes()
-        if self.home.is_closed:
-            return f"LiveEmbedding({self.folder or ''}: closed)"
-        added = self.home.read("SELECT count(*) FROM fact WHERE status = 'added'")[0][0]
+        if self.database.is_closed:
+            return f"Home({self.folder or ''}: closed)"
+        added = self.database.read("SELECT count(*) FROM fact WHERE status = 'added'")[0][0]
         return (
-            f"LiveEmbedding({self.folder or ''}: {sizes['entities']:,} known entities,"
+            f"Home({self.folder or ''}: {sizes['entities']:,} known entities,"
             f" {len(self._rows):,} inserted, {added:,} facts added to"
             f" {sizes['triples']:,}, {self.base.manifest.model_name})"
         )
@@ -693,18 +693,18 @@ class LiveEmbedding:
         """
         stamp = stamp if isinstance(stamp, Stamp) else check(stamp, Stamp, "", verb)
         when = as_text(stamp.time or now())
-        number = self.home.add_change(verb, when, stamp.source)
+        number = self.database.add_change(verb, when, stamp.source)
         change = Pending(number, when, stamp.source)
         yield change
-        (made,) = changes_of(self.home, number)
+        (made,) = changes_of(self.database, number)
         lists = made.inserted, made.removed, made.added, made.seen, made.lost, made.unseen
         if not any(lists):
-            self.home.read("DELETE FROM change WHERE id = ?", number)
+            self.database.read("DELETE FROM change WHERE id = ?", number)
             return
         computed = self._computed(made)
         self._write(number, computed, [*made.added, *made.lost])
         has_names = bool(made.inserted or made.removed)
-        present = self.home.inserted() if has_names else list(self._rows)
+        present = self.database.inserted() if has_names else list(self._rows)
         self._last = number
         rows = self._rows | {name: each.entity for name, each in computed.items()}
         self._rows = {name: rows[name] for name in present}
@@ -738,7 +738,7 @@ class LiveEmbedding:
                 each = told.about(name)
             if each.kind is not None:
                 each = each.model_copy(update={"kind": kinds.find(each.kind)})
-            self.home.add_entity(change.number, name, each)
+            self.database.add_entity(change.number, name, each)
 
     def _add_relations(self, change: Pending, facts: Iterable[Fact]) -> None:
         """Insert the relations that two or more facts have and that are not known."""
@@ -750,11 +750,11 @@ class LiveEmbedding:
             if number < 2:
                 expected = "expected a known relation, or two facts or more of a new one"
                 raise InputError(repr(name)[:80], "", expected + known.hint(name))
-            self.home.add_relation(change.number, name)
+            self.database.add_relation(change.number, name)
 
     def _add_facts(self, change: Pending, facts: Mapping[Fact, float | None]) -> None:
         for fact, confidence in facts.items():
-            self.home.put_fact(change.number, fact, change.time, change.source, confidence)
+            self.database.put_fact(change.number, fact, change.time, change.source, confidence)
 
     def _computed(self, made: Change) -> dict[str, Computed]:
         """The inserted entities whose vectors follow from a change, with those that share facts
@@ -773,15 +773,15 @@ class LiveEmbedding:
         """What is given about inserted entities, and about all that a chain of facts joins to
         them.
         """
-        trained, inserted = self.base.labels.ids, set(self.home.inserted())
+        trained, inserted = self.base.labels.ids, set(self.database.inserted())
         given, waiting = dict[str, EntityInput](), sorted(names)
         while waiting:
             name = waiting.pop()
             if name in given:
                 continue
-            rows = [row for row in self.home.facts_of(name) if row.relation in trained]
+            rows = [row for row in self.database.facts_of(name) if row.relation in trained]
             facts = {row.fact: row.confidence or 1.0 for row in sorted(rows, key=_fact_of)}
-            given[name] = EntityInput(self.home.about(name), facts)
+            given[name] = EntityInput(self.database.about(name), facts)
             waiting += [end for end in names_in(facts) if end in inserted and end not in given]
         return given
 
@@ -792,26 +792,28 @@ class LiveEmbedding:
         vectors, or facts that came or went, determine.
         """
         for each in computed.values():
-            each.entity.store(self.home, change)
-        new = {name for (name,) in self.home.read("SELECT name FROM relation WHERE NOT trained")}
+            each.entity.store(self.database, change)
+        new = {
+            name for (name,) in self.database.read("SELECT name FROM relation WHERE NOT trained")
+        }
         if not new or not (computed or new & {fact[1] for fact in changed}):
             return
         rows = self._rows | {name: each.entity for name, each in computed.items()}
-        present = self._as_it_is({name: rows[name] for name in self.home.inserted()})
+        present = self._as_it_is({name: rows[name] for name in self.database.inserted()})
         for name in sorted(new):
-            if facts := [row.fact for row in self.home.facts("relation = ?", name)]:
+            if facts := [row.fact for row in self.database.facts("relation = ?", name)]:
                 row = self.groups.relation_row(facts, present)
                 update = "UPDATE relation SET vector = ? WHERE name = ?"
-                self.home.read(update, row.tobytes(), name)
+                self.database.read(update, row.tobytes(), name)
 
     def _take_over(self) -> None:
         """Take over what other processes have changed, in a time that grows with that."""
-        version = self.home.version()
+        version = self.database.version()
         if version == self._version:
             return
         with self._or_as_before():
-            if self.home.last_training() != self.home.read_training:
-                self._load(_with_own_words(LoadedEmbedding(**vars(self.home.bundle()))))
+            if self.database.last_training() != self.database.read_training:
+                self._load(_with_own_words(LoadedEmbedding(**vars(self.database.bundle()))))
                 return
             last = self._last_change()
             if last != self._last:
@@ -824,12 +826,12 @@ class LiveEmbedding:
         """After a failure inside, everything is as it was. What others changed, and what was done
         if it is written nevertheless, is taken over when it is needed.
         """
-        before, training = vars(self).copy(), self.home.read_training
+        before, training = vars(self).copy(), self.database.read_training
         try:
             yield
         except BaseException:
             vars(self).update(before)
-            self.home.read_training = training
+            self.database.read_training = training
             self.groups.forget()
             self._forget()
             self._version = -1
@@ -837,13 +839,13 @@ class LiveEmbedding:
 
     def _read_rows(self, after: int) -> None:
         """Read the vectors of changes after one."""
-        rows = self._rows | stored(self.home, after, self.base.entities.dtype)
-        present = self.home.inserted()
+        rows = self._rows | stored(self.database, after, self.base.entities.dtype)
+        present = self.database.inserted()
         self._rows = {name: rows[name] for name in present if name in rows}
         self._forget()
 
     def _last_change(self) -> int:
-        return int(self.home.read("SELECT max(id) FROM change")[0][0])
+        return int(self.database.read("SELECT max(id) FROM change")[0][0])
 
     def _forget(self) -> None:
         """Derive again, when it is needed, what the tables say."""
@@ -907,7 +909,7 @@ class LiveEmbedding:
         )
 
 
-def open_live(folder: str | Path, durability: Durability = "full") -> LiveEmbedding:
+def open_home(folder: str | Path, durability: Durability = "full") -> Home:
     """Open the home of a folder, as ``isi train``, ``isi import`` or ``save`` writes it.
 
     Several processes and threads may use a home at once, to read and to write.
@@ -929,12 +931,12 @@ def open_live(folder: str | Path, durability: Durability = "full") -> LiveEmbedd
     """
     path = Path(folder)
     check(durability, Durability, "", "argument 'durability'")  # type: ignore[arg-type]
-    home = Home.opened(path, durability)
+    database = Database.opened(path, durability)
     try:
-        with home.snapshot():
-            return LiveEmbedding(home.bundle(), home)
+        with database.snapshot():
+            return Home(database.bundle(), database)
     except BaseException:
-        home.close()
+        database.close()
         raise
 
 
