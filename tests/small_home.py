@@ -9,9 +9,9 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
-from isi.home import groups
+from isi.home import choices
 from isi.home.bundle import Fact
-from isi.home.groups import Choice, Conditions, EntityGroups
+from isi.home.choices import Choice, Choices, Conditions
 from isi.home.home import Home
 from isi.insertion.engine import Method
 from isi.insertion.hidden import HoldOut
@@ -31,10 +31,10 @@ def _selected(test: HoldOut, has_facts: bool, *_: Any, **__: Any) -> tuple[Metho
     return named("map" if has_facts else "mean", {}, test.theta0.model, entities), None
 
 
-_choose = EntityGroups._choose
+_choose = Choices._choose
 
 
-def _remembered(made: EntityGroups, conditions: Conditions) -> Choice:
+def _remembered(made: Choices, conditions: Conditions) -> Choice:
     same = conditions._replace(seed=0)
     if same not in CHOICES:
         CHOICES[same] = _choose(made, conditions)
@@ -48,7 +48,7 @@ def quick_choices(of_known: bool = False) -> Iterator[None]:
     ``of_known``: all homes inside are of ``KNOWN``, so that curves are fitted once.
     """
     choose = _remembered if of_known else _choose
-    with patch.object(groups, "select", _selected), patch.object(EntityGroups, "_choose", choose):
+    with patch.object(choices, "select", _selected), patch.object(Choices, "_choose", choose):
         yield
 
 

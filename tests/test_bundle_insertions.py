@@ -12,7 +12,7 @@ import pytest
 import isi
 from isi.errors import InputError
 from isi.home.bundle import Fact
-from isi.home.groups import HARM
+from isi.home.choices import HARM
 from isi.home.home import Home
 from isi.home.loaded import LoadedEmbedding
 from tests.small_bundle import (
@@ -100,7 +100,7 @@ def test_an_initializer_is_chosen_once_for_each_number_of_facts_as_by_the_librar
             chosen = expected.initializer, expected.details.options, expected.details.why
             assert (row.initializer, row.options, row.why) == chosen
             assert row.vector.tobytes() == expected.entities[-1].tobytes()
-    assert bare.database.read("SELECT facts, words FROM choice") == [(2, 0), (3, 0)]
+    assert bare.database.rows("SELECT facts, words FROM choice") == [(2, 0), (3, 0)]
 
 
 def test_probabilities_of_an_inserted_entity_are_those_of_the_library(bare: Home) -> None:

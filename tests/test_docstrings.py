@@ -12,6 +12,7 @@ import pytest
 
 import isi
 from isi.home.home import Home
+from isi.home.questions import Questions
 
 API = Path(__file__).parent.parent / "docs/api.md"
 #: May have no example: data that a caller only reads, and what shows nothing.
@@ -43,7 +44,9 @@ def public_names() -> Iterator[str]:
     for name in re.findall(r"^::: (\S+)", API.read_text(encoding="utf-8"), re.MULTILINE):
         yield name
         if name.endswith(f".{Home.__name__}"):
-            own = (method for method in vars(Home) if not method.startswith("_"))
+            own = (
+                method for method in [*vars(Questions), *vars(Home)] if not method.startswith("_")
+            )
             yield from (f"{name}.{method}" for method in own)
 
 

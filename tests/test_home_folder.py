@@ -14,6 +14,7 @@ import pytest
 
 import isi
 from isi.errors import InputError
+from isi.home.derived import Derived
 from isi.home.home import Home
 from tests.small_bundle import files, home_of
 from tests.small_home import KNOWN, TRAINED, assert_same, facts_of, seen
@@ -122,7 +123,7 @@ def test_the_work_of_a_change_and_of_taking_one_over_does_not_grow_with_the_hist
             of_tell = statements(home, lambda: home.tell([FIRST]))
             of_others = statements(other, lambda: other.ask("e0", "in"))
             with isi.open(folder) as opened:
-                of_opening = statements(opened, lambda: opened._load(opened.base))
+                of_opening = statements(opened, lambda: Derived(opened.database, opened.base))
             numbers.append((of_tell, of_others, of_opening))
             for each in range(20):
                 home.tell([("e1", "on", f"e{each}")])

@@ -16,6 +16,7 @@ import pytest
 import isi
 from isi.errors import InputError
 from isi.home.bundle import Bundle
+from isi.home.choices import Choices
 from isi.home.groups import EntityGroups
 from isi.home.home import Home
 from isi.home.phrases import with_words
@@ -222,7 +223,7 @@ def test_a_taking_over_that_is_stopped_is_made_by_the_next_question(tmp_path: Pa
     seen(other)
     larger = replace(KNOWN, entities=2 * KNOWN.entities)
     home.train_again(larger)
-    stopped = patch.object(EntityGroups, "__init__", side_effect=KeyboardInterrupt)
+    stopped = patch.object(Choices, "__init__", side_effect=KeyboardInterrupt)
     with stopped, pytest.raises(KeyboardInterrupt):
         other.ask("e1", "in")
     told = Home(larger)
@@ -276,7 +277,7 @@ def test_what_is_done_with_a_closed_home_is_refused_and_loses_nothing(tmp_path: 
 def test_how_durable_changes_are_is_told_when_a_home_is_opened(tmp_path: Path) -> None:
     folder = home_of(tmp_path / "home", KNOWN)
     with isi.open(folder) as home:
-        assert home.database.read("PRAGMA synchronous") == [(2,)]
+        assert home.database.rows("PRAGMA synchronous") == [(2,)]
     with isi.open(folder, durability="memory") as home:
         home.tell([MUG])
     assert not isi.open(folder).inserted

@@ -9,7 +9,7 @@ from isi.cli import NewFolder, Settings, flags, settings
 from isi.cli.output import refuse_inputs
 from isi.errors import InputError
 from isi.home.bundle import MANIFEST, Bundle, read
-from isi.home.database import Database, check_free
+from isi.home.folder import check_free, create
 from isi.home.importer import of_tables, read_labels, read_tables
 from isi.home.phrases import with_words
 from isi.models.losses import Loss
@@ -76,7 +76,7 @@ def import_(
             files, tables = read_tables(folder, str(model))
             bundle = of_tables(labels, str(model), settings(set), tables, files, loss)
     bundle = with_words(bundle, vectors)
-    Database.create(bundle, out).close()
+    create(bundle, out).close()
     options = ", ".join(f"{key} {value}" for key, value in bundle.manifest.model_options.items())
     size = bundle.sizes()
     print(

@@ -64,10 +64,10 @@ def train(
     import torch
 
     from isi.graph.files import path_of, read_graph
-    from isi.home.database import Database, check_free
+    from isi.home.folder import check_free, create, is_home
     from isi.home.home import Home, open_home
     from isi.home.phrases import with_words
-    from isi.home.train import described, is_home, train_again, train_bundle
+    from isi.home.train import described, train_again, train_bundle
 
     torch.set_num_threads(1)  # so that equal commands train equal vectors
     options = {
@@ -106,7 +106,7 @@ def train(
     with names:
         bundle, summary = train_bundle(tables, **options, seed=seed)  # type: ignore[arg-type]
     bundle = with_words(bundle, vectors)
-    with Home(bundle, Database.create(bundle, out)) as home:
+    with Home(bundle, create(bundle, out)) as home:
         home.prepare(progress=True)
     print(*lines(read, are_names=True), *warnings, summary, sep="\n")
     head, relation, tail = map(shlex.quote, bundle.named_triples()[0])

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import Annotated, Any
+from typing import Annotated, Any, TypedDict
 
 from pydantic import BeforeValidator, Field
 
@@ -29,6 +29,16 @@ def as_time(value: Any) -> Any:
     except (ValueError, OverflowError, OSError) as error:
         expected = "expected a time such as 2026-11-25T09:30:00Z, or seconds since 1970"
         raise ValueError(f"{expected}, got {short(given)}") from error
+
+
+def now() -> datetime:
+    """The time of a change that gives none: in UTC, to the second."""
+    return datetime.now(UTC).replace(microsecond=0)
+
+
+def as_text(time: datetime) -> str:
+    """A time as the database holds it: in UTC, to the second, so that texts order as times do."""
+    return f"{time.astimezone(UTC).replace(microsecond=0, tzinfo=None).isoformat()}Z"
 
 
 Time = Annotated[datetime, BeforeValidator(as_time)]
@@ -71,6 +81,25 @@ class TellOptions(Stamp):
         )
 
 
+class When(TypedDict, total=False):
+    """A ``Stamp`` as a caller's keywords."""
+
+    time: datetime | str | float | None
+    source: str | None
+
+
+class About(When, total=False):
+    """``TellOptions`` as a caller's keywords."""
+
+    definition: str | Mapping[str, str] | None
+    kind: str | Mapping[str, str] | None
+    initializer: str | None
+    options: Mapping[str, Any] | None
+    seed: int
+    confidence: float | None
+    new: bool
+
+
 @dataclass(frozen=True)
 class Effect:
     """What a change did."""
@@ -104,6 +133,12 @@ class Change:
     believed: list[Fact] = field(default_factory=list)  #: of ``seen``, with another confidence
     training: bool = False  #: whether facts of training came or went
 
+    @property
+    def has_effect(self) -> bool:
+        """Whether an entity or a fact came, went or was seen."""
+        facts = self.added, self.seen, self.lost, self.unseen
+        return any([self.inserted, self.removed, *facts])
+
 
 #: The list of a ``Change`` that has what an effect was on; and that of a change that undoes it.
 LISTS = {
@@ -122,12 +157,7 @@ LISTS = {
 def changes_of(database: Database, first: int = 0) -> list[Change]:
     """The changes of a home from a number on, in order."""
     changes = dict[int, Change]()
-    query = (
-        "SELECT id, verb, time, source, undone, undoes, effect, entity, head, relation, tail"
-        " FROM change LEFT JOIN effect ON effect.change = coalesce(undoes, id)"
-        " WHERE id >= ? ORDER BY id, effect.rowid"
-    )
-    for number, verb, time, source, undone, undoes, effect, *item in database.read(query, first):
+    for number, verb, time, source, undone, undoes, effect, *item in database.effects(first):
         made = Change(number, verb, datetime.fromisoformat(time), source, undone is not None)
         change = changes.setdefault(number, made)
         if effect is None:

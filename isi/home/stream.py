@@ -303,7 +303,8 @@ def prepared_beside(home: Home) -> Iterator[None]:
     which stores them.
     """
     process = None
-    if home.folder is not None and not home.database.is_read_only and home.groups.preparation():
+    may_store = home.folder is not None and not home.database.is_read_only
+    if may_store and home.derived.choices.preparation():
         spawn = multiprocessing.get_context("spawn")
         process = spawn.Process(target=_prepare, args=(home.folder, os.getpid()), daemon=True)
         process.start()

@@ -40,11 +40,10 @@ from isi.graph.graph import (
     build_tables,
 )
 from isi.graph.sessions import TEST, TRAIN, VALID, Session, session_of, split
-from isi.graph.vocabulary import Vocabulary
+from isi.graph.vocabulary import Vocabulary, by_known_name, note_of_kinds
 from isi.home.bundle import Bundle, Manifest
-from isi.home.database import DATABASE
+from isi.home.folder import is_home
 from isi.home.home import Home, open_home
-from isi.home.names import by_known_name, note_of_kinds
 from isi.home.phrases import OF_MODEL, by_model, has_model, with_words
 from isi.insertion.arguments import (
     TripleForms,
@@ -280,11 +279,6 @@ def warn(summary: TrainingSummary) -> None:
     """Warn, in the name of a caller's caller, of what a training found wrong."""
     for sentence in filter(None, (summary.scaled, summary.warning)):
         warnings.warn(sentence, stacklevel=3)
-
-
-def is_home(path: Path) -> bool:
-    """Whether a path is the folder of a home."""
-    return (path / DATABASE).is_file()
 
 
 def train_again(home: Home, vectors: Path | None = None, **options: Any) -> TrainingSummary:

@@ -10,11 +10,11 @@ from pykeen.triples import CoreTriplesFactory, TriplesFactory
 
 from isi.errors import InputError
 from isi.graph.graph import RELATION
+from isi.graph.vocabulary import by_known_name, note_of_kinds
 from isi.home.bundle import Manifest, stored_loss
 from isi.home.database import Database
 from isi.home.home import Home
 from isi.home.loaded import LoadedEmbedding
-from isi.home.names import by_known_name, note_of_kinds
 from isi.initializers.inverses import pack
 from isi.models.model import name_of, stored_options
 from isi.models.stack import usual_torch

@@ -18,8 +18,8 @@ from pathlib import Path
 import numpy as np
 
 import isi
+from isi.home import folder as folders
 from isi.home.bundle import Bundle, Fact
-from isi.home.database import Database
 from isi.home.home import Home
 from isi.process import errors_in_one_line
 from tests.environment import ENVIRONMENT
@@ -62,7 +62,7 @@ def train(folder: Path) -> Iterator[int]:
 def create(folder: Path) -> Iterator[int]:
     """Replace a home without changes by another one, again and again."""
     for number in count():
-        Database.create((KNOWN, NEGATIVE)[number % 2], folder).close()
+        folders.create((KNOWN, NEGATIVE)[number % 2], folder).close()
         yield number
 
 
