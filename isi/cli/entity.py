@@ -87,12 +87,10 @@ class EntityOptions:
 
     def arguments(self) -> dict[str, Any]:
         """The arguments of ``Home.tell`` but the facts."""
-        given = {name: getattr(self, name) for name in GIVEN}
-        return given | {"options": _options(self.initializer, self.set)}
-
-
-#: Arguments of ``Home.tell`` that are fields of ``EntityOptions``.
-GIVEN = ("definition", "kind", "confidence", "new", "initializer", "seed")
+        arguments = asdict(self)
+        for of_report in ("set", "top", "verbose"):
+            del arguments[of_report]
+        return arguments | {"options": _options(self.initializer, self.set)}
 
 
 def tell(
@@ -128,7 +126,7 @@ def tell(
             facts += listed
             given |= {"kind": about.kind or kinds, "new": True}  # names in files are exact
         effect = home.tell(facts, entities=entity, **given, **change.stamp)
-        _show_effect(home, effect, about, change.json)
+        show_effect(home, effect, change.json, about)
 
 
 def insert(
@@ -160,7 +158,7 @@ def insert(
     given = about.arguments()
     with change.opened() as home, flags(initializer="--initializer", options="--set"):
         effect = home.insert(name, facts, upsert=upsert, **given, **change.stamp)
-        _show_effect(home, effect, about, change.json)
+        show_effect(home, effect, change.json, about)
 
 
 def observe(
@@ -173,7 +171,7 @@ def observe(
     """Tell facts of entities that are known."""
     with change.opened() as home:
         effect = home.observe(list(fact), upsert=new, confidence=confidence, **change.stamp)
-        summary(home, effect, change.json)
+        show_effect(home, effect, change.json)
 
 
 def move(
@@ -189,7 +187,7 @@ def move(
     """Replace the facts with this head and relation by one fact: what was moved is in one place."""
     with change.opened() as home:
         effect = home.move(head, relation, tail, instead_of=instead_of, **change.stamp)
-        summary(home, effect, change.json)
+        show_effect(home, effect, change.json)
 
 
 def remove(
@@ -199,13 +197,14 @@ def remove(
     those of training included.
     """
     with change.opened() as home:
-        summary(home, home.remove(list(entity), list(fact), **change.stamp), change.json)
+        effect = home.remove(list(entity), list(fact), **change.stamp)
+        show_effect(home, effect, change.json)
 
 
 def undo(*, change: ChangeOptions = ChangeOptions()) -> None:
     """Take the last change back; the next time, the one before."""
     with change.opened() as home:
-        summary(home, home.undo(**change.stamp), change.json)
+        show_effect(home, home.undo(**change.stamp), change.json)
 
 
 def history(
@@ -323,17 +322,24 @@ def explain(
     )
 
 
-def _show_effect(home: Home, effect: Effect, about: EntityOptions, json: bool) -> None:
-    """Print what a change did; of one new entity, what is predicted about it."""
-    if len(effect.inserted) != 1:
-        summary(home, effect, json)
+def show_effect(
+    home: Home, effect: Effect, as_json: bool, about: EntityOptions | None = None
+) -> None:
+    """Print what a change did; of one new entity, if there are options ``about`` it, what is
+    predicted about it.
+    """
+    report, is_verbose = None, False
+    if about is not None and len(effect.inserted) == 1:
+        report, is_verbose = home.report(effect.inserted[0], about.top), about.verbose
+    if as_json:
+        of_report = {} if report is None else {"report": asdict(report)}
+        show(asdict(effect) | of_report, True)
         return
-    report = home.report(effect.inserted[0], about.top)
-    if json:
-        show(asdict(effect) | {"report": asdict(report)}, True)
-        return
-    further = [note for note in effect.notes if note not in report.notes]
-    print(*in_words(report, about.verbose), *_mrr_in_words(home), *further, sep="\n")
+    done = list(changes_in_words(effect) if report is None else in_words(report, is_verbose))
+    if effect.inserted or effect.updated:
+        done += costs_in_words(home)
+    notes = [note for note in effect.notes if report is None or note not in report.notes]
+    print(*(done + notes or ["nothing has changed"]), sep="\n")
 
 
 def in_words(report: Report, verbose: bool) -> Iterator[str]:
@@ -372,30 +378,27 @@ def why_in_words(explanation: Explanation, verbose: bool) -> Iterator[str]:
     yield from explanation.notes[:most]
 
 
-def summary(home: Home, effect: Effect, json: bool) -> None:
-    """Print what a change did."""
-    if json:
-        show(asdict(effect), True)
-        return
-    lines = list[str]()
-    for change in ("inserted", "updated", "removed", "relations"):
-        if names := getattr(effect, change):
-            more = f" and {len(names) - LISTED:,} more" if len(names) > LISTED else ""
-            label = "new relations" if change == "relations" else change
-            lines.append(f"{label}: {', '.join(names[:LISTED])}{more}")
-    if effect.facts:
-        lines.append(f"facts added: {effect.facts:,}")
-    if effect.lost:
-        lines.append(f"facts removed: {len(effect.lost):,}")
-    if effect.known:
-        lines.append(f"facts seen again: {effect.known:,}")
-    has_vectors = effect.inserted or effect.updated
-    measured = list(_mrr_in_words(home)) if has_vectors else []
-    nothing = [] if lines or effect.notes else ["nothing has changed"]
-    print(*lines, *nothing, *measured, *effect.notes, sep="\n")
+def changes_in_words(effect: Effect) -> Iterator[str]:
+    """What a change did, a line for each kind of change."""
+    for label, names in (
+        ("inserted", effect.inserted),
+        ("updated", effect.updated),
+        ("removed", effect.removed),
+        ("new relations", effect.relations),
+    ):
+        more = f" and {len(names) - LISTED:,} more" * (len(names) > LISTED)
+        if names:
+            yield f"{label}: {', '.join(names[:LISTED])}{more}"
+    for label, number in (
+        ("facts added", effect.facts),
+        ("facts removed", len(effect.lost)),
+        ("facts seen again", effect.known),
+    ):
+        if number:
+            yield f"{label}: {number:,}"
 
 
-def _mrr_in_words(home: Home) -> Iterator[str]:
+def costs_in_words(home: Home) -> Iterator[str]:
     """What all insertions cost earlier knowledge."""
     if measured := home.interference():
         yield (

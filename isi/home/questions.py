@@ -115,9 +115,8 @@ class Questions:
         """
         check(top, Count, "", "argument 'top'")
         if (head is None) + (relation is None) + (tail is None) != 1:
-            raise InputError(
-                "ask", "", "expected two of head, relation and tail: the third one is the answer"
-            )
+            expected = "expected two of head, relation and tail: the third one is the answer"
+            raise InputError("ask", "", expected)
         now, notes = self.now, list[str]()
         first, last = (
             None if name is None else now.names.ids[self._queried(name, notes)]
@@ -126,13 +125,13 @@ class Questions:
         if relation is None:
             if among is not None:
                 raise InputError("argument 'among'", "", "expected a query for entities")
-            ends = first or 0, last or 0
             # of an inserted entity if there is one
+            ends = first or 0, last or 0
             curve_of = partial(self.derived.curve, max(ends), slot=TAIL)
             return replace(answer_relation(now, *ends, top, curve_of, new), notes=notes)
-        known = now.labels.queried(relation, notes.append)
-        label = now.labels.ids[known]
-        query = Query(first, label, TAIL) if first is not None else Query(last, label, HEAD)  # type: ignore[arg-type]
+        label = now.labels.ids[now.labels.queried(relation, notes.append)]
+        given, slot = (last or 0, HEAD) if first is None else (first, TAIL)
+        query = Query(given, label, slot)
         ids = None
         if among is not None:
             ids = [now.names.ids[self._queried(name, notes)] for name in among]
