@@ -119,13 +119,13 @@ def tell(
     facts: list[Any] = [*([typed] if tail is not None else []), *fact]
     if not (facts or from_ or entity):
         raise InputError("", "", "expected HEAD RELATION TAIL, --fact, --entity or --from FILE")
-    given = about.arguments()
+    arguments = about.arguments()
     with change.opened() as home, flags(initializer="--initializer", options="--set"):
         if from_:
-            listed, kinds = _from_files(home, from_)
-            facts += listed
-            given |= {"kind": about.kind or kinds, "new": True}  # names in files are exact
-        effect = home.tell(facts, entities=entity, **given, **change.stamp)
+            of_files, kinds = _from_files(home, from_)
+            facts += of_files
+            arguments |= {"kind": about.kind or kinds, "new": True}  # names in files are exact
+        effect = home.tell(facts, entities=entity, **arguments, **change.stamp)
         show_effect(home, effect, change.json, about)
 
 
@@ -155,9 +155,9 @@ def insert(
         raise InputError("", "", "expected NAME, with --fact RELATION ENTITY")
     facts = [(name, *pair) for pair in fact] + [(*pair, name) for pair in inverse_fact]
     facts += [_about(name, whole) for whole in whole_fact]
-    given = about.arguments()
+    arguments = about.arguments()
     with change.opened() as home, flags(initializer="--initializer", options="--set"):
-        effect = home.insert(name, facts, upsert=upsert, **given, **change.stamp)
+        effect = home.insert(name, facts, upsert=upsert, **arguments, **change.stamp)
         show_effect(home, effect, change.json, about)
 
 
@@ -231,7 +231,7 @@ def history(
         return
     with home_in(folder) as home:
         changes = home.history
-    listed = [
+    rows = [
         {
             "change": f"{each.verb}{' (undone)' * each.undone}",
             "inserted": each.inserted,
@@ -244,7 +244,7 @@ def history(
         }
         for each in changes
     ]
-    show({"changes": listed}, json)
+    show({"changes": rows}, json)
 
 
 def ask(
@@ -356,11 +356,11 @@ def in_words(report: Report, verbose: bool) -> Iterator[str]:
         guess = best if answers.sure else f"I do not know; the best guess is {best}"
         yield f"  {' '.join(answers.query)}: {guess}"
     if report.unsupported:
-        listed = (
+        unsupported = (
             f"{' '.join(triple)} ({_percent(likely)})"
             for triple, likely in report.unsupported[:most]
         )
-        yield f"predicted without support of a similar entity: {'; '.join(listed)}"
+        yield f"predicted without support of a similar entity: {'; '.join(unsupported)}"
     yield from report.notes[:most]
     if verbose:
         options = ", ".join(f"{key} {value}" for key, value in report.options.items())
@@ -407,15 +407,15 @@ def costs_in_words(home: Home) -> Iterator[str]:
         )
 
 
-def _options(initializer: str | None, given: Sequence[str]) -> dict[str, Any]:
+def _options(initializer: str | None, typed: Sequence[str]) -> dict[str, Any]:
     """The options of an initializer: those of ``--set``, then those under ``initializers`` in
     ``params.yaml``, which is there in a project's folder.
     """
-    if given and initializer is None:
+    if typed and initializer is None:
         raise InputError("--set", "", "expected an --initializer: --set gives its options")
     values = read(paths.PARAMS) if initializer and paths.PARAMS.exists() else {}
     key = f"initializers.{initializer}"
-    return check(value_of(values, key) or {}, dict[str, Any], key) | settings(given)
+    return check(value_of(values, key) or {}, dict[str, Any], key) | settings(typed)
 
 
 def _with_mark(best: Answer) -> str:

@@ -19,7 +19,7 @@ def as_time(value: Any) -> Any:
     """A time with its zone, of a text in ISO 8601, of a datetime (both without a zone: local time,
     as Python has it) or of seconds since 1970.
     """
-    given = value
+    typed = value
     try:
         if isinstance(value, str):
             value = datetime.fromisoformat(value)
@@ -28,7 +28,7 @@ def as_time(value: Any) -> Any:
         return value.astimezone(UTC) if isinstance(value, datetime) else value
     except (ValueError, OverflowError, OSError) as error:
         expected = "expected a time such as 2026-11-25T09:30:00Z, or seconds since 1970"
-        raise ValueError(f"{expected}, got {short(given)}") from error
+        raise ValueError(f"{expected}, got {short(typed)}") from error
 
 
 def now() -> datetime:
@@ -67,10 +67,10 @@ class TellOptions(Stamp):
     def about(self, name: str) -> NewEntity:
         """What is told about a new entity; of texts by name, the one of its name."""
         definition, kind = (
-            {clean(key): text for key, text in each.items()}.get(name)
-            if isinstance(each, Mapping)
-            else each
-            for each in (self.definition, self.kind)
+            {clean(key): text for key, text in texts.items()}.get(name)
+            if isinstance(texts, Mapping)
+            else texts
+            for texts in (self.definition, self.kind)
         )
         return NewEntity(
             definition=definition,
@@ -158,8 +158,8 @@ def changes_of(database: Database, first: int = 0) -> list[Change]:
     """The changes of a home from a number on, in order."""
     changes = dict[int, Change]()
     for number, verb, time, source, undone, undoes, effect, *item in database.effects(first):
-        made = Change(number, verb, datetime.fromisoformat(time), source, undone is not None)
-        change = changes.setdefault(number, made)
+        new = Change(number, verb, datetime.fromisoformat(time), source, undone is not None)
+        change = changes.setdefault(number, new)
         if effect is None:
             continue
         entity, head, relation, tail = item
@@ -178,7 +178,7 @@ def checked_facts(facts: Any, confidence: float | None = None) -> dict[Fact, flo
 
     An ``InputError`` refuses what is not three texts and perhaps a number.
     """
-    listed = dict[Fact, float | None]()
+    confidences = dict[Fact, float | None]()
     for number, row in enumerate(listed_triples(facts)):
         parts = list(row) if isinstance(row, list | tuple) or hasattr(row, "tolist") else [row]
         if len(parts) not in (3, 4) or not all(isinstance(part, str) for part in parts[:3]):
@@ -188,8 +188,8 @@ def checked_facts(facts: Any, confidence: float | None = None) -> dict[Fact, flo
         if len(parts) == 4:
             believed = check(parts[3], Confidence, "confidence", f"fact {number}")
         head, relation, tail = parts[:3]
-        listed[head, relation, tail] = believed
-    return listed
+        confidences[head, relation, tail] = believed
+    return confidences
 
 
 def names_in(facts: Iterable[Fact], others: Iterable[str] = ()) -> list[str]:

@@ -175,10 +175,10 @@ def _text_of(curves: Curves | None) -> str | None:
     """Curves as JSON: slope and offset of all relations, and of each that has its own."""
     if curves is None:
         return None
-    each = {
+    of_relation = {
         str(relation): list(vars(curve).values()) for relation, curve in curves.of_relation.items()
     }
-    return json.dumps({"all": list(vars(curves.of_all).values()), **each})
+    return json.dumps({"all": list(vars(curves.of_all).values()), **of_relation})
 
 
 def _curves_of(text: str | None) -> Curves | None:

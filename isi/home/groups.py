@@ -270,6 +270,6 @@ def components(members: Mapping[str, Member]) -> Iterator[list[str]]:
             others = ends & members.keys() - reached
             reached |= others
             waiting += others
-        for each in reached:
-            del left[each]
+        for name in reached:
+            del left[name]
         yield sorted(reached)

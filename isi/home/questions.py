@@ -130,8 +130,8 @@ class Questions:
             curve_of = partial(self.derived.curve, max(ends), slot=TAIL)
             return replace(answer_relation(now, *ends, top, curve_of, new), notes=notes)
         label = now.labels.ids[now.labels.queried(relation, notes.append)]
-        given, slot = (last or 0, HEAD) if first is None else (first, TAIL)
-        query = Query(given, label, slot)
+        entity, slot = (last or 0, HEAD) if first is None else (first, TAIL)
+        query = Query(entity, label, slot)
         ids = None
         if among is not None:
             ids = [now.names.ids[self._queried(name, notes)] for name in among]
@@ -331,5 +331,5 @@ def names_of(entities: str | Sequence[str]) -> list[str]:
     if isinstance(entities, str):
         return [clean(entities)]
     with naming_argument("entities"):
-        listed: list[str] = as_list(entities, str, "a list of names")
-    return list(dict.fromkeys(clean(name) for name in listed))
+        names: list[str] = as_list(entities, str, "a list of names")
+    return list(dict.fromkeys(clean(name) for name in names))

@@ -104,8 +104,8 @@ def plan_of(whole: Graph, dimension: int, budget: float) -> Plan:
     observed, cells = int(graph.counts.sum()), relations * entities**2
     batch_size = max(1, min(observed // 10, observed if dense else LARGEST_BATCH))
     updates = observed / batch_size
-    listed = observed * (1 + 3 * ratio) + updates * (entities + relations)
-    work = updates * cells * 6 / DENSE_RATE if dense else listed / LIST_RATE
+    vectors = observed * (1 + 3 * ratio) + updates * (entities + relations)
+    work = updates * cells * 6 / DENSE_RATE if dense else vectors / LIST_RATE
     seconds = updates * OVERHEAD + dimension * work
     negatives = check({"mode": mode, "ratio": ratio}, Negatives, "", "")
     return Plan(graph, batch_size, negatives, cells, seconds)

@@ -81,9 +81,9 @@ class Request(Section):
 
     def result(self, home: Home, verb: str) -> Result:
         """Do what is asked; the fields of the answer."""
-        given = dict(self)
-        first = self.first(given.pop(verb))
-        effect: Effect = getattr(home, verb)(*first, **given)
+        options = dict(self)
+        first = self.first(options.pop(verb))
+        effect: Effect = getattr(home, verb)(*first, **options)
         return vars(effect)
 
 
@@ -100,8 +100,9 @@ class Insert(Request, TellOptions):
 
     def result(self, home: Home, verb: str) -> Result:
         facts = [*listed_triples(self.insert), *self.facts]
-        given = dict(self) | {"insert": list(self.insert), "facts": facts}
-        return vars(home.insert(given.pop(verb), **given))
+        options = dict(self) | {"facts": facts}
+        del options[verb]
+        return vars(home.insert(list(self.insert), **options))
 
 
 class Observe(Request, Stamp):
@@ -136,10 +137,10 @@ class Ask(Request):
     among: list[Text] | None = None
 
     def result(self, home: Home, verb: str) -> Result:
-        given = dict(self)
+        options = dict(self)
         results = []
-        for query in given.pop(verb):
-            best = home.ask(*query, **given)
+        for query in options.pop(verb):
+            best = home.ask(*query, **options)
             fields = {"query": best.query, "sure": best.sure, "answers": best.answers}
             results.append(fields | ({"notes": best.notes} if best.notes else {}))
         return results[0] if len(results) == 1 else {"results": results}
@@ -194,8 +195,8 @@ def answer(home: Home, line: bytes) -> bytes:
                 expected = f"expected one of {', '.join(VERBS)}"
                 raise InputError("", "", f"{expected}, got {short(list(request))}")
             (verb,) = verbs
-            given = check(request, VERBS[verb], "", "")
-        result = given.result(home, verb)
+            checked = check(request, VERBS[verb], "", "")
+        result = checked.result(home, verb)
         return to_json(label | dict(result), inf_nan_mode="null") + b"\n"
     except InputError as error:
         result = {"error": str(error)}

@@ -157,14 +157,14 @@ def with_kinds(
 
     All other kinds and phrases stay. InputError if no name matches.
     """
-    entities, listed = tables.entities, {**kinds, **(phrases or {})}
+    entities, texts = tables.entities, {**kinds, **(phrases or {})}
     names = entities["entity"].tolist()
     known = Vocabulary("entity", names)
     new_kinds, _ = by_known_name(kinds, known)
     new_phrases, _ = by_known_name(phrases or {}, known)
-    matched, missing = by_known_name(listed, known)
+    matched, missing = by_known_name(texts, known)
     if not matched:
-        got = note_of_kinds(missing, len(listed), [], known) or "none"
+        got = note_of_kinds(missing, len(texts), [], known) or "none"
         raise InputError(
             "", "", f"expected the kind or the phrase of an entity of the graph, got {got}"
         )
@@ -172,8 +172,8 @@ def with_kinds(
     phrase = [
         new_phrases.get(name, old) for name, old in zip(names, entities["phrase"], strict=True)
     ]
-    without = [name for name, given in zip(names, kind, strict=True) if given == ENTITY and kinds]
-    note = note_of_kinds(missing, len(listed), without, known)
+    without = [name for name, new in zip(names, kind, strict=True) if new == ENTITY and kinds]
+    note = note_of_kinds(missing, len(texts), without, known)
     return replace(tables, entities=entities.assign(kind=kind, phrase=phrase)), note
 
 
@@ -270,13 +270,13 @@ def train_again(home: Home, vectors: Path | None = None, **options: Any) -> Trai
 def tables_of_home(home: Home) -> GraphTables:
     """The graph of the facts that hold in a home, with their counts, kinds and phrases."""
     rows, now = home.facts, home.now
-    listed = [(*row.fact, row.count) for row in rows]
-    frame = pd.DataFrame(listed, columns=[*TRIPLE, COUNT])
+    facts = [(*row.fact, row.count) for row in rows]
+    frame = pd.DataFrame(facts, columns=[*TRIPLE, COUNT])
     tables = build_tables(MinedSource("home", frame, Naming()(frame, ())))
     kinds = dict(zip(now.entity_names, now.kinds, strict=True))
     phrases = dict(zip(now.entity_names, now.phrases, strict=True))
-    given = {name: kind for name, kind in kinds.items() if kind}
-    return with_kinds(tables, given, phrases)[0]
+    known_kinds = {name: kind for name, kind in kinds.items() if kind}
+    return with_kinds(tables, known_kinds, phrases)[0]
 
 
 @usual_torch()
@@ -356,7 +356,7 @@ def bundle_of(
     config: TrainConfig,
 ) -> Bundle:
     """The bundle of one model that all triples of a graph have trained."""
-    made = {
+    origin = {
         "seed": config.root,
         "weight_decay": config.training.weight_decay,
         "init_range": config.init_range,
@@ -370,7 +370,7 @@ def bundle_of(
     if has_model():
         words, source = np.stack(list(map(by_model, phrases))), OF_MODEL
     options = dict(MODELS.get(summary.model).defaults)
-    manifest = Manifest(model_name=summary.model, model_options=options, words=source, made=made)
+    manifest = Manifest(model_name=summary.model, model_options=options, words=source, made=origin)
     return Bundle(
         manifest,
         trained.entity[0].numpy(),
