@@ -46,7 +46,7 @@ print(answers[["tail_label", "score"]].head(3).to_string(index=False))
 larger, more = new.train(epochs=5)
 losses = isi.pykeen.train_on(larger, more, epochs=2)
 
-# %% Or a live embedding, to which a robot adds entities and facts
+# %% Or a home, to which a robot adds entities and facts
 home = isi.from_pykeen(model, factory)
 home.insert("microwave", {"at location": "kitchen"})
 print(home.ask("microwave", "serves to", top=1))

@@ -1,6 +1,6 @@
 """Incremental semantic initialization (ISI) of entities in knowledge-graph embeddings.
 
-``isi.open`` gives the live embedding of a folder, to which a robot adds entities and facts, and
+``isi.open`` gives the home of a folder, to which a robot adds entities and facts, and
 which answers; ``from_pykeen`` makes one of a PyKEEN model, ``train`` of triples. ``insert`` adds
 new entities to arrays; ``isi.pykeen`` is for PyKEEN models;
 ``isi.benchmark`` hides entities of a graph, and ranks answers after their insertion.
@@ -14,12 +14,12 @@ from typing import Any
 #: Module and name there of each name here.
 _WHERE = {
     "InputError": ("isi.errors", "InputError"),
-    "LiveEmbedding": ("isi.home.embedding", "LiveEmbedding"),
+    "Home": ("isi.home.home", "Home"),
     "check_initializer": ("isi.checks.initializers", "check_initializer"),
     "check_model": ("isi.checks.models", "check_model"),
     "from_pykeen": ("isi.pykeen.open", "from_pykeen"),
     "insert": ("isi.insertion.api", "insert"),
-    "open": ("isi.home.embedding", "open_live"),
+    "open": ("isi.home.home", "open_home"),
     "train": ("isi.home.train", "train"),
 }
 #: Without ``open``: ``from isi import *`` leaves the builtin as it is.

@@ -3,17 +3,17 @@ from isi import pykeen as pykeen
 from isi.checks.initializers import check_initializer as check_initializer
 from isi.checks.models import check_model as check_model
 from isi.errors import InputError as InputError
-from isi.home.embedding import LiveEmbedding as LiveEmbedding
-from isi.home.embedding import open_live
+from isi.home.home import Home as Home
+from isi.home.home import open_home
 from isi.home.train import train as train
 from isi.insertion.api import insert as insert
 from isi.pykeen.open import from_pykeen as from_pykeen
 
-open = open_live
+open = open_home
 
 __all__ = [
+    "Home",
     "InputError",
-    "LiveEmbedding",
     "check_initializer",
     "check_model",
     "from_pykeen",

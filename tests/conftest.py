@@ -45,7 +45,7 @@ def few_initializers(registries: None, monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def quick() -> Iterator[None]:
     """Choices of initializers are made in no time."""
-    from tests.small_live import quick_choices
+    from tests.small_home import quick_choices
 
     with quick_choices():
         yield

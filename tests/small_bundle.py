@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from isi.home.bundle import MANIFEST, MODEL, Bundle, Manifest, WordSource, write
-from isi.home.database import Home
+from isi.home.folder import create
 from isi.home.loaded import LoadedEmbedding
 from tests.small_graphs import random_embedding, random_graph
 
@@ -109,7 +109,7 @@ def written(path: Path, bundle: Bundle | None = None) -> Path:
 
 def home_of(path: Path, bundle: Bundle | None = None) -> Path:
     """Make a bundle (default: the small one) the home of a folder; returns the folder."""
-    Home.create(bundle or small(), path).close()
+    create(bundle or small(), path).close()
     return path
 
 

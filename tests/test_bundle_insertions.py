@@ -12,8 +12,8 @@ import pytest
 import isi
 from isi.errors import InputError
 from isi.home.bundle import Fact
-from isi.home.embedding import LiveEmbedding
-from isi.home.groups import HARM
+from isi.home.choices import HARM
+from isi.home.home import Home
 from isi.home.loaded import LoadedEmbedding
 from tests.small_bundle import (
     KINDS,
@@ -36,24 +36,24 @@ HOB = ("hob", "atLocation", "kitchen")
 
 
 @pytest.fixture
-def home(tmp_path: Path) -> LiveEmbedding:
+def home(tmp_path: Path) -> Home:
     """The small bundle, whose word vectors are of a file that has one of ``stove``."""
-    return LiveEmbedding(worded(tmp_path, stove=WORD))
+    return Home(worded(tmp_path, stove=WORD))
 
 
 @pytest.fixture
-def bare() -> LiveEmbedding:
+def bare() -> Home:
     """A random bundle of 30 entities with 120 triples, without words or kinds."""
-    return LiveEmbedding(replace(random_bundle(120), words=None))
+    return Home(replace(random_bundle(120), words=None))
 
 
-def vector(live: LiveEmbedding, name: str = "stove") -> np.ndarray:
-    return live.inserted[name].vector
+def vector(home: Home, name: str = "stove") -> np.ndarray:
+    return home.inserted[name].vector
 
 
-def by_library(live: LiveEmbedding, facts: Any, new: Sequence[str], **options: Any) -> Any:
+def by_library(home: Home, facts: Any, new: Sequence[str], **options: Any) -> Any:
     """The insertion by ``isi.insert``."""
-    base = live.base
+    base = home.base
     return isi.insert(
         base.entities,
         base.relations,
@@ -71,7 +71,7 @@ def by_library(live: LiveEmbedding, facts: Any, new: Sequence[str], **options: A
 
 
 @pytest.mark.parametrize("facts", [FACTS, FACTS[:1], []], ids=len)
-def test_an_insertion_is_that_of_the_library(home: LiveEmbedding, facts: list[Fact]) -> None:
+def test_an_insertion_is_that_of_the_library(home: Home, facts: list[Fact]) -> None:
     home.insert("stove", facts)
     words = np.array([*WORDS, WORD], np.float32)
     expected = by_library(
@@ -88,7 +88,7 @@ def test_an_insertion_is_that_of_the_library(home: LiveEmbedding, facts: list[Fa
 
 
 def test_an_initializer_is_chosen_once_for_each_number_of_facts_as_by_the_library(
-    bare: LiveEmbedding,
+    bare: Home,
 ) -> None:
     for number, name in ((2, "n2"), (2, "m2"), (3, "n3"), (4, "n4")):
         facts = [(name, "in", f"e{row}") for row in range(number)]
@@ -100,10 +100,10 @@ def test_an_initializer_is_chosen_once_for_each_number_of_facts_as_by_the_librar
             chosen = expected.initializer, expected.details.options, expected.details.why
             assert (row.initializer, row.options, row.why) == chosen
             assert row.vector.tobytes() == expected.entities[-1].tobytes()
-    assert bare.home.read("SELECT facts, words FROM choice") == [(2, 0), (3, 0)]
+    assert bare.database.rows("SELECT facts, words FROM choice") == [(2, 0), (3, 0)]
 
 
-def test_probabilities_of_an_inserted_entity_are_those_of_the_library(bare: LiveEmbedding) -> None:
+def test_probabilities_of_an_inserted_entity_are_those_of_the_library(bare: Home) -> None:
     facts = [("n", "in", "e1"), ("e2", "on", "n")]
     bare.insert("n", facts, initializer="map")
     expected = by_library(bare, facts, ["n"], initializer="map")
@@ -115,7 +115,7 @@ def test_probabilities_of_an_inserted_entity_are_those_of_the_library(bare: Live
 
 
 def test_inserted_entities_are_no_indicators_and_those_that_share_facts_go_together(
-    home: LiveEmbedding,
+    home: Home,
 ) -> None:
     about: dict[str, Any] = {"initializer": "rs", "options": {"k": 2}}
     home.insert("hob", [HOB], **about)
@@ -172,22 +172,22 @@ NAMED_AFTER_ROOMS = {
 def test_what_is_named_after_a_room_is_an_object_like_other_objects(
     household: LoadedEmbedding, initializer: str | None, has_fact: bool
 ) -> None:
-    live = LiveEmbedding(household)
+    home = Home(household)
     for name, room in NAMED_AFTER_ROOMS.items():
-        live.insert(name, {"atLocation": room} if has_fact else {}, initializer=initializer)
-        like = {household.kinds[one.id] for one in live.explain(name).indicators}
-        assert (live.inserted[name].kind, like) == ("object", {"object"}), name
+        home.insert(name, {"atLocation": room} if has_fact else {}, initializer=initializer)
+        like = {household.kinds[one.id] for one in home.explain(name).indicators}
+        assert (home.inserted[name].kind, like) == ("object", {"object"}), name
 
 
 @pytest.mark.parametrize("name", ["garage", "dining room", "bathroom cabinet", "workbench"])
 def test_a_place_of_known_things_is_a_room_if_it_is_named_like_one(
     household: LoadedEmbedding, name: str
 ) -> None:
-    live = LiveEmbedding(household)
+    home = Home(household)
     facts = [("mug", "atLocation", name), ("book", "atLocation", name)]
-    live.insert(name, facts, initializer="mean")
+    home.insert(name, facts, initializer="mean")
     is_room = name in ("garage", "dining room")
-    assert live.inserted[name].kind == ("room" if is_room else "object")
+    assert home.inserted[name].kind == ("room" if is_room else "object")
 
 
 @pytest.mark.parametrize(
@@ -204,11 +204,11 @@ def test_names_of_one_thing_agree_in_all_words_and_not_in_the_head_noun_alone(
     name: str, same: str | None
 ) -> None:
     known = ["television", "refrigerator", "towel", "floor lamp", "coffee machine", "butter knife"]
-    live = LiveEmbedding(small(entity_names=known, phrases=known, kinds=["object"] * 6, words=None))
+    home = Home(small(entity_names=known, phrases=known, kinds=["object"] * 6, words=None))
     if same is not None:
         with pytest.raises(InputError, match=same):
-            live.insert(name)
-    assert live.insert(name, new=same is not None).inserted == [name]
+            home.insert(name)
+    assert home.insert(name, new=same is not None).inserted == [name]
 
 
 # Explanations
@@ -220,16 +220,16 @@ def test_names_of_one_thing_agree_in_all_words_and_not_in_the_head_noun_alone(
 def test_weights_are_those_of_the_initializer(
     tmp_path: Path, name: str, words: bool, facts: list[Fact]
 ) -> None:
-    live = LiveEmbedding(worded(tmp_path, **{"stove": WORD} if words else {}))
-    live.insert("stove", facts, initializer=name)
-    shown = {each.id: each.weight for each in live.explain("stove").indicators if each.weight}
+    home = Home(worded(tmp_path, **{"stove": WORD} if words else {}))
+    home.insert("stove", facts, initializer=name)
+    shown = {each.id: each.weight for each in home.explain("stove").indicators if each.weight}
     mixed = sum(weight * np.array(VECTORS[row]) for row, weight in shown.items())
     # the objects, if its kind is known
     assert shown.keys() <= {KETTLE, BED} or not (words or facts)
-    np.testing.assert_allclose(vector(live), mixed, atol=0.05)  # without weights below a hundredth
+    np.testing.assert_allclose(vector(home), mixed, atol=0.05)  # without weights below a hundredth
 
 
-def test_indicators_are_shown_with_how_similar_they_are(home: LiveEmbedding) -> None:
+def test_indicators_are_shown_with_how_similar_they_are(home: Home) -> None:
     home.insert("stove", FACTS, initializer="es", options={"k": 2})
     shown = {one.entity: one for one in home.explain("stove").indicators}
     assert {name: one.weight for name, one in shown.items()} == {"bed": 0.5, "kettle": 0.5}
@@ -244,14 +244,14 @@ def test_indicators_are_shown_with_how_similar_they_are(home: LiveEmbedding) -> 
     assert {one.relations for one in home.explain("stove").indicators} == {None}
 
 
-def test_facts_and_words_are_listed(home: LiveEmbedding) -> None:
+def test_facts_and_words_are_listed(home: Home) -> None:
     home.insert("stove", FACTS)
     explained = home.explain("stove")
     assert explained.facts == sorted(FACTS)
     assert explained.words == home.report("stove").words
 
 
-def test_interference_is_that_of_the_library(home: LiveEmbedding) -> None:
+def test_interference_is_that_of_the_library(home: Home) -> None:
     assert home.interference() is None
     home.insert("stove", FACTS, initializer="mean")
     alone = home.interference()

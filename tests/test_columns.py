@@ -15,7 +15,7 @@ import isi
 from isi.columns import triple_columns
 from isi.errors import InputError
 from isi.graph.files import read_graph
-from isi.home.embedding import LiveEmbedding
+from isi.home.home import Home
 from isi.home.train import tables_of
 from isi.insertion.arguments import listed_triples
 from tests.small_bundle import BETWEEN, ENTITIES, LABELS, NAMES, TRIPLES, small
@@ -93,13 +93,13 @@ def insert_beside_known(facts: Any) -> object:
 
 
 def live_insert(facts: Any) -> object:
-    home = LiveEmbedding(small())
+    home = Home(small())
     home.insert("jug", facts)
     return [row.fact for row in home.facts[len(TRIPLES) :]]
 
 
 def live_observe(facts: Any) -> object:
-    home = LiveEmbedding(small())
+    home = Home(small())
     home.insert("jug", [("jug", "atLocation", "bedroom")])
     home.observe(facts)
     return [row.fact for row in home.facts[len(TRIPLES) :]]

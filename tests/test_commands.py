@@ -181,7 +181,7 @@ def test_help_fits_a_terminal_and_loads_nothing_that_is_slow(
         "import sys; from isi.__main__ import main\n"
         f"for command in {[[], ['train'], ['live'], *([name] for name in about_homes)]}:\n"
         "    main([*command, '--help'])\n"
-        "print({'torch', 'pandas', 'gensim', 'isi.home.embedding'} & set(sys.modules))"
+        "print({'torch', 'pandas', 'gensim', 'isi.home.home'} & set(sys.modules))"
     )
     command = [sys.executable, "-c", code]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
@@ -215,7 +215,7 @@ def test_a_terminal_that_lacks_a_letter_shows_its_number(tmp_path: Path) -> None
 def test_an_interrupt_gives_one_line(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("isi.cli.entity.open_home", lambda _: signal.raise_signal(signal.SIGINT))
+    monkeypatch.setattr("isi.cli.entity.home_in", lambda _: signal.raise_signal(signal.SIGINT))
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         with pytest.raises(SystemExit) as ended:

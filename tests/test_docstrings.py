@@ -11,7 +11,8 @@ from typing import Any
 import pytest
 
 import isi
-from isi.home.embedding import LiveEmbedding
+from isi.home.home import Home
+from isi.home.questions import Questions
 
 API = Path(__file__).parent.parent / "docs/api.md"
 #: May have no example: data that a caller only reads, and what shows nothing.
@@ -32,18 +33,20 @@ NO_EXAMPLE = {
     "isi.home.changes.Effect",
     "isi.home.database.StoredFact",
     *(
-        f"isi.home.embedding.LiveEmbedding.{name}"
+        f"isi.home.home.Home.{name}"
         for name in ("close", "folder", "now", "prepare", "train_again")
     ),
 }
 
 
 def public_names() -> Iterator[str]:
-    """The objects on the page of the API, and the public methods of a live embedding."""
+    """The objects on the page of the API, and the public methods of a home."""
     for name in re.findall(r"^::: (\S+)", API.read_text(encoding="utf-8"), re.MULTILINE):
         yield name
-        if name.endswith(f".{LiveEmbedding.__name__}"):
-            own = (method for method in vars(LiveEmbedding) if not method.startswith("_"))
+        if name.endswith(f".{Home.__name__}"):
+            own = (
+                method for method in [*vars(Questions), *vars(Home)] if not method.startswith("_")
+            )
             yield from (f"{name}.{method}" for method in own)
 
 
@@ -76,9 +79,9 @@ def printed(name: str, namespace: dict[str, Any]) -> int:
 
 @pytest.fixture(scope="module")
 def shared() -> dict[str, Any]:
-    """What the examples of a live embedding and of PyKEEN share: names of the first ones."""
+    """What the examples of a home and of PyKEEN share: names of the first ones."""
     names = dict[str, Any]()
-    printed("isi.home.embedding.LiveEmbedding", names)
+    printed("isi.home.home.Home", names)
     pytest.importorskip("pykeen")
     printed("isi.pykeen.insertion.insert", names)
     return {name: names[name] for name in ("isi", "home", "model", "factory")}
@@ -91,7 +94,7 @@ def test_a_public_name_has_an_example_that_prints_what_it_says(
     name: str, shared: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    home = LiveEmbedding(shared["home"].base)
+    home = Home(shared["home"].base)
     assert printed(name, {**shared, "home": home}) or name in NO_EXAMPLE
 
 

@@ -18,9 +18,9 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 import isi
 from isi.home.bundle import Fact
 from isi.home.changes import Effect
-from isi.home.embedding import LiveEmbedding
+from isi.home.home import Home
 from tests.small_bundle import home_of
-from tests.small_live import (
+from tests.small_home import (
     KINDS,
     KNOWN,
     TRAINED,
@@ -112,8 +112,8 @@ class HomeMachine(RuleBasedStateMachine):
                 self.lives[0].undo()
             self.states = self.states[:1]
             assert {row.fact for row in self.lives[1].facts} == self.now.holding
-            for live in self.lives:
-                live.close()
+            for home in self.lives:
+                home.close()
 
     @property
     def now(self) -> State:
@@ -269,32 +269,32 @@ class HomeMachine(RuleBasedStateMachine):
             return
         expected = seen(self.at_once())
         rows = {fact: row[1:] for fact, row in self.now.rows.items() if row.holds}
-        for live in self.lives:
-            assert_same(seen(live), expected)
-            assert {row.fact: astuple(row)[5:] for row in live.facts} == rows
-            now, known = live.now, len(KNOWN.entities)
+        for home in self.lives:
+            assert_same(seen(home), expected)
+            assert {row.fact: astuple(row)[5:] for row in home.facts} == rows
+            now, known = home.now, len(KNOWN.entities)
             assert now.entities[:known].tobytes() == KNOWN.entities.tobytes()
             assert now.relations.tobytes() == KNOWN.relations.tobytes()
-            assert now.entity_names == [*KNOWN.entity_names, *live.inserted]
+            assert now.entity_names == [*KNOWN.entity_names, *home.inserted]
             assert sorted(now.named_triples()) == sorted(rows)
-            assert len(live.history) == self.changes
-            assert sum(change.undone for change in live.history) == self.undone
+            assert len(home.history) == self.changes
+            assert sum(change.undone for change in home.history) == self.undone
 
-    def check_stale(self, live: LiveEmbedding) -> None:
+    def check_stale(self, home: Home) -> None:
         """A fact that was not seen since training counts as seen then, which is now."""
         last = {fact: row.last_seen or "3" for fact, row in self.now.rows.items() if row.holds}
-        stale = live.stale(MONTH, MOMENT)
+        stale = home.stale(MONTH, MOMENT)
         assert {row.fact for row in stale} == {fact for fact in last if last[fact] < "2021-06"}
-        times = [row.last_seen or "3" for row in live.stale(MONTH, FUTURE)]
+        times = [row.last_seen or "3" for row in home.stale(MONTH, FUTURE)]
         assert times == sorted(last.values())
 
-    def check_answers(self, live: LiveEmbedding) -> None:
+    def check_answers(self, home: Home) -> None:
         """Those without what is known, and those among some entities."""
-        query = next(iter(live.inserted), "e0"), "in"
-        every = live.ask(*query, top=99).answers
-        new = live.ask(*query, top=99, new=True).answers
+        query = next(iter(home.inserted), "e0"), "in"
+        every = home.ask(*query, top=99).answers
+        new = home.ask(*query, top=99, new=True).answers
         assert [each.entity for each in new] == [each.entity for each in every if not each.known]
-        some = live.ask(*query, among=["e9", "e1", "e9", "e4"]).answers
+        some = home.ask(*query, among=["e9", "e1", "e9", "e4"]).answers
         expected = [each.entity for each in every if each.entity in ("e1", "e4", "e9")]
         assert [each.entity for each in some] == expected
 
@@ -304,9 +304,9 @@ class HomeMachine(RuleBasedStateMachine):
             self.check_stale(self.lives[1])
             self.check_answers(self.lives[1])
 
-    def at_once(self) -> LiveEmbedding:
+    def at_once(self) -> Home:
         """Another home, which is told what holds by one change for each initializer."""
-        fresh, (about, rows) = LiveEmbedding(KNOWN), self.now
+        fresh, (about, rows) = Home(KNOWN), self.now
         told = {(*fact, row.confidence or 1.0) for fact, row in rows.items() if row.holds}
         for initializer in {about.get("initializer") for about in about.values()}:
             names = [name for name in about if about[name].get("initializer") == initializer][::-1]

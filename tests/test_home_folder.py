@@ -14,9 +14,10 @@ import pytest
 
 import isi
 from isi.errors import InputError
-from isi.home.embedding import LiveEmbedding
+from isi.home.derived import Derived
+from isi.home.home import Home
 from tests.small_bundle import files, home_of
-from tests.small_live import KNOWN, TRAINED, assert_same, facts_of, seen
+from tests.small_home import KNOWN, TRAINED, assert_same, facts_of, seen
 from tools.kills.home import NEGATIVE, killed
 
 pytestmark = pytest.mark.usefixtures("quick")
@@ -53,20 +54,20 @@ def test_a_killed_process_leaves_all_that_it_acknowledged_and_nothing_half(
 
 
 def test_on_a_full_disk_changes_and_training_are_refused_and_nothing_is_lost(folder: Path) -> None:
-    with isi.open(folder) as live, isi.open(folder) as other:
-        live.tell([MUG])
-        before = seen(live)
+    with isi.open(folder) as home, isi.open(folder) as other:
+        home.tell([MUG])
+        before = seen(home)
         for change in (
-            lambda: [live.tell([("mug", "on", f"e{each}")]) for each in range(30)],
-            lambda: live.train_again(NEGATIVE),
-            lambda: live.save(folder.parent / "copy"),
+            lambda: [home.tell([("mug", "on", f"e{each}")]) for each in range(30)],
+            lambda: home.train_again(NEGATIVE),
+            lambda: home.save(folder.parent / "copy"),
         ):
             with files_of_at_most(1024), pytest.raises(InputError, match="cannot be"):
                 change()
-            for each in (live, other):
+            for each in (home, other):
                 assert_same(seen(each), before)
-        live.tell([("mug", "on", "e4")])
-        after = seen(live)
+        home.tell([("mug", "on", "e4")])
+        after = seen(home)
         assert_same(seen(other), after)
     with isi.open(folder) as again:
         assert_same(seen(again), after)
@@ -79,12 +80,12 @@ def test_an_interrupted_change_is_there_if_it_was_committed(
     def interrupted(*_: Any) -> None:
         raise KeyboardInterrupt
 
-    with isi.open(folder) as live:
-        monkeypatch.setattr(live.home, "inserted", interrupted)
+    with isi.open(folder) as home:
+        monkeypatch.setattr(home.database, "inserted", interrupted)
         with pytest.raises(KeyboardInterrupt):
-            live.tell([MUG])
+            home.tell([MUG])
         monkeypatch.undo()
-        assert list(live.inserted) == [name for name in ("mug",) if MUG in facts_of(live)]
+        assert list(home.inserted) == [name for name in ("mug",) if MUG in facts_of(home)]
 
 
 @pytest.mark.parametrize("objects", [1, 2])
@@ -99,68 +100,68 @@ def test_threads_insert_into_one_home(folder: Path, objects: int) -> None:
 
     with ThreadPoolExecutor(2) as threads:
         list(threads.map(work, range(2)))
-    for live in (*lives, isi.open(folder)):
-        assert len(live.inserted) == len(live.history) == 30
+    for home in (*lives, isi.open(folder)):
+        assert len(home.inserted) == len(home.history) == 30
 
 
-def statements(live: LiveEmbedding, change: Callable[[], object]) -> int:
+def statements(home: Home, change: Callable[[], object]) -> int:
     """The number of statements that the database runs for a change."""
     run = list[str]()
-    live.home.connection.set_trace_callback(run.append)
+    home.database.connection.set_trace_callback(run.append)
     change()
-    live.home.connection.set_trace_callback(None)
+    home.database.connection.set_trace_callback(None)
     return len(run)
 
 
 def test_the_work_of_a_change_and_of_taking_one_over_does_not_grow_with_the_history(
     folder: Path,
 ) -> None:
-    with isi.open(folder) as live, isi.open(folder) as other:
+    with isi.open(folder) as home, isi.open(folder) as other:
         numbers = []
         for _ in range(3):
-            live.tell([FIRST])
-            of_tell = statements(live, lambda: live.tell([FIRST]))
+            home.tell([FIRST])
+            of_tell = statements(home, lambda: home.tell([FIRST]))
             of_others = statements(other, lambda: other.ask("e0", "in"))
             with isi.open(folder) as opened:
-                of_opening = statements(opened, lambda: opened._load(opened.base))
+                of_opening = statements(opened, lambda: Derived(opened.database, opened.base))
             numbers.append((of_tell, of_others, of_opening))
             for each in range(20):
-                live.tell([("e1", "on", f"e{each}")])
+                home.tell([("e1", "on", f"e{each}")])
         assert numbers[0] == numbers[1] == numbers[2]
 
 
 def test_a_home_that_cannot_be_written_can_be_asked(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with isi.open(folder) as live:
-        live.tell([MUG])
-        expected = seen(live)
+    with isi.open(folder) as home:
+        home.tell([MUG])
+        expected = seen(home)
     before = files(folder)
     with isi.open(folder, durability="memory") as copy:
         assert copy.tell([("cup", "in", "e2")]).inserted == ["cup"]
     monkeypatch.setattr(os, "access", lambda *_: False)
-    with isi.open(folder) as live:
-        assert_same(seen(live), expected)
-        assert live.explain("mug").indicators
+    with isi.open(folder) as home:
+        assert_same(seen(home), expected)
+        assert home.explain("mug").indicators
         with pytest.raises(InputError, match="readonly"):
-            live.tell([MUG])
+            home.tell([MUG])
     assert files(folder) == before
 
 
 def test_a_folder_with_a_home_of_changes_or_with_other_files_is_not_written_into(
     folder: Path,
 ) -> None:
-    live = isi.open(folder)
+    home = isi.open(folder)
     copy = folder.parent / "copy"
     for _ in range(2):  # over a home without changes, too
-        live.save(copy)
-    live.tell([MUG])
-    live.save(copy)
+        home.save(copy)
+    home.tell([MUG])
+    home.save(copy)
     with pytest.raises(InputError, match="1 changes"):
-        live.save(copy)
+        home.save(copy)
     (folder.parent / "mine").mkdir()
     (folder.parent / "mine/notes.txt").write_text("mine", encoding="utf-8")
     for taken in (folder, folder.parent / "mine", folder.parent / "mine/notes.txt"):
         with pytest.raises(InputError):
-            live.save(taken)
-    assert_same(seen(isi.open(copy)), seen(live))
+            home.save(taken)
+    assert_same(seen(isi.open(copy)), seen(home))

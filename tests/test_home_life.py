@@ -16,11 +16,12 @@ import pytest
 import isi
 from isi.errors import InputError
 from isi.home.bundle import Bundle
-from isi.home.embedding import LiveEmbedding
+from isi.home.choices import Choices
 from isi.home.groups import EntityGroups
+from isi.home.home import Home
 from isi.home.phrases import with_words
 from tests.small_bundle import files, home_of, small, worded
-from tests.small_live import KNOWN, TRAINED, assert_same, facts_of, seen
+from tests.small_home import KNOWN, TRAINED, assert_same, facts_of, seen
 
 pytestmark = pytest.mark.usefixtures("quick")
 MUG = ("mug", "in", "e1")
@@ -28,8 +29,8 @@ FIRST = TRAINED[0]
 
 
 @pytest.fixture
-def home() -> LiveEmbedding:
-    return LiveEmbedding(KNOWN)
+def home() -> Home:
+    return Home(KNOWN)
 
 
 # What is known of facts
@@ -46,7 +47,7 @@ def home() -> LiveEmbedding:
     ],
 )
 def test_a_time_without_a_zone_is_local_time(
-    home: LiveEmbedding, monkeypatch: pytest.MonkeyPatch, given: Any, hour: int
+    home: Home, monkeypatch: pytest.MonkeyPatch, given: Any, hour: int
 ) -> None:
     with monkeypatch.context() as context:
         context.setenv("TZ", "America/New_York")
@@ -57,7 +58,7 @@ def test_a_time_without_a_zone_is_local_time(
     assert home.history[-1].time == expected
 
 
-def test_a_doubtful_fact_moves_the_vector_of_map_less(home: LiveEmbedding) -> None:
+def test_a_doubtful_fact_moves_the_vector_of_map_less(home: Home) -> None:
     def vector(*facts: Any) -> np.ndarray:
         home.tell([("mug", "on", "e7"), *facts], initializer="map")
         row = home.inserted["mug"].vector
@@ -72,7 +73,7 @@ def test_a_doubtful_fact_moves_the_vector_of_map_less(home: LiveEmbedding) -> No
 
 
 def test_the_row_of_a_new_relation_follows_from_its_facts_and_goes_by_undo(
-    home: LiveEmbedding, tmp_path: Path
+    home: Home, tmp_path: Path
 ) -> None:
     before = seen(home)
     home.tell([("e1", "near", "e2"), ("e3", "near", "e4"), ("mug", "near", "e2"), MUG])
@@ -103,7 +104,7 @@ def test_the_row_of_a_new_relation_follows_from_its_facts_and_goes_by_undo(
     ],
 )
 def test_numbers_of_answers_are_refused_unless_they_are_counts(
-    home: LiveEmbedding, call: str, name: str, wrong: int
+    home: Home, call: str, name: str, wrong: int
 ) -> None:
     home.tell([MUG])
     verb, *names = call.split()
@@ -116,25 +117,25 @@ def test_numbers_of_answers_are_refused_unless_they_are_counts(
 
 def test_without_kinds_of_objects_a_new_object_has_none() -> None:
     kinds = ["room", "room", "", "", "affordance", "affordance"]
-    live = LiveEmbedding(small(kinds=kinds))
+    home = Home(small(kinds=kinds))
     for facts in ({"atLocation": "kitchen"}, {"hasAffordance": "turn on"}):
-        live.insert("stove", facts, initializer="mean")
-        assert live.inserted["stove"].kind == ""
-        live.undo()
-    assert live.ask("kettle", "atLocation").answers
+        home.insert("stove", facts, initializer="mean")
+        assert home.inserted["stove"].kind == ""
+        home.undo()
+    assert home.ask("kettle", "atLocation").answers
 
 
 def test_names_are_told_as_the_embedding_writes_them() -> None:
     names = ["cafe\u0301", *KNOWN.entity_names[1:]]
-    live = LiveEmbedding(replace(KNOWN, entity_names=names))
+    home = Home(replace(KNOWN, entity_names=names))
     composed = "caf\u00e9"
-    effect = live.tell([(composed, "in", "e3"), (f"{composed} mug", "in", names[0])])
+    effect = home.tell([(composed, "in", "e3"), (f"{composed} mug", "in", names[0])])
     assert effect.inserted == [f"{composed} mug"]
-    assert live.tell([(f"{names[0]} mug ", "in", composed)]).known == 1
+    assert home.tell([(f"{names[0]} mug ", "in", composed)]).known == 1
     with pytest.raises(InputError, match="known"):
-        live.insert(f"{names[0]} mug", {"in": "e3"})
-    assert live.ask(composed, "in").answers[0].given
-    assert live.remove(f"{names[0]} mug").removed == [f"{composed} mug"]
+        home.insert(f"{names[0]} mug", {"in": "e3"})
+    assert home.ask(composed, "in").answers[0].given
+    assert home.remove(f"{names[0]} mug").removed == [f"{composed} mug"]
 
 
 # Word vectors of a file
@@ -149,25 +150,25 @@ def test_word_vectors_of_a_file_are_found_from_any_folder_or_are_said_to_be_miss
     folder = home_of(tmp_path / "home", with_words(bundle, Path(source)))
     (tmp_path / "elsewhere").mkdir()
     os.chdir(tmp_path / "elsewhere")
-    with isi.open(folder) as live:
-        live.insert("stove")
-        assert "words.txt" in live.report("stove").words
-        vector = live.inserted["stove"].vector
+    with isi.open(folder) as home:
+        home.insert("stove")
+        assert "words.txt" in home.report("stove").words
+        vector = home.inserted["stove"].vector
     Path(tmp_path / source).unlink()
-    with isi.open(folder) as live:
-        np.testing.assert_array_equal(live.inserted["stove"].vector, vector)
-        effect = live.insert("oven", {"atLocation": "kitchen"}, initializer="mean")
+    with isi.open(folder) as home:
+        np.testing.assert_array_equal(home.inserted["stove"].vector, vector)
+        effect = home.insert("oven", {"atLocation": "kitchen"}, initializer="mean")
         assert any("words.txt" in note and "not there" in note for note in effect.notes)
         with pytest.raises(InputError, match=r"words\.txt"):
-            live.insert("hob")
+            home.insert("hob")
 
 
 # Trained again, copied, closed
 
 
-def trained_on(live: LiveEmbedding) -> Bundle:
+def trained_on(home: Home) -> Bundle:
     """What training on all that holds may give: inserted entities have rows as others."""
-    fields = {field.name: getattr(live.now, field.name) for field in dataclasses.fields(Bundle)}
+    fields = {field.name: getattr(home.now, field.name) for field in dataclasses.fields(Bundle)}
     return Bundle(**fields | {"counts": None})
 
 
@@ -175,26 +176,26 @@ def test_a_home_that_is_trained_again_keeps_what_is_known_and_what_came_meanwhil
     tmp_path: Path,
 ) -> None:
     folder = home_of(tmp_path / "home", KNOWN)
-    live, other = isi.open(folder), isi.open(folder)
-    live.tell([MUG, ("mug", "on", "e2"), FIRST], confidence=0.5, source="camera")
-    live.tell([("e1", "on", "e20"), ("e1", "on", "e21")])
-    live.remove(facts=[TRAINED[1]])
-    bundle = trained_on(live)
+    home, other = isi.open(folder), isi.open(folder)
+    home.tell([MUG, ("mug", "on", "e2"), FIRST], confidence=0.5, source="camera")
+    home.tell([("e1", "on", "e20"), ("e1", "on", "e21")])
+    home.remove(facts=[TRAINED[1]])
+    bundle = trained_on(home)
     other.tell([("mug", "on", "e9"), ("tray", "in", "e3")], initializer="mean")
     other.remove(facts=[("e1", "on", "e20"), TRAINED[2]])
     known, changes = facts_of(other), len(other.history)
-    live.train_again(bundle)
-    for each in (live, other, isi.open(folder)):
+    home.train_again(bundle)
+    for each in (home, other, isi.open(folder)):
         assert facts_of(each) == known
         assert each.history[-1].verb == "train"
         assert len(each.history) == changes + 1
         assert list(each.inserted) == ["tray"]
         assert each.base.kinds == bundle.kinds
-        assert each.home.fact(MUG).status == "trained"  # type: ignore[union-attr]
+        assert each.database.fact(MUG).status == "trained"  # type: ignore[union-attr]
         with pytest.raises(InputError, match="no change"):
             each.undo()
-    assert_same(seen(live), seen(other))
-    live.tell([("tray", "on", "mug")])
+    assert_same(seen(home), seen(other))
+    home.tell([("tray", "on", "mug")])
     assert ("tray", "on", "mug") in facts_of(other)
 
 
@@ -202,83 +203,83 @@ def test_a_home_that_is_trained_again_keeps_what_is_known_and_what_came_meanwhil
 def test_a_training_that_is_stopped_leaves_a_home_as_it_was(
     tmp_path: Path, in_memory: bool
 ) -> None:
-    live = LiveEmbedding(KNOWN) if in_memory else isi.open(home_of(tmp_path / "home", KNOWN))
-    live.tell([MUG])
-    before = seen(live)
+    home = Home(KNOWN) if in_memory else isi.open(home_of(tmp_path / "home", KNOWN))
+    home.tell([MUG])
+    before = seen(home)
     larger = replace(KNOWN, entities=2 * KNOWN.entities)
     stopped = patch.object(EntityGroups, "insert", side_effect=KeyboardInterrupt)
     with stopped, pytest.raises(KeyboardInterrupt):
-        live.train_again(larger)
-    assert_same(seen(live), before)
-    live.tell([("tray", "in", "e3")])
-    live.undo()
-    assert_same(seen(live), before)
+        home.train_again(larger)
+    assert_same(seen(home), before)
+    home.tell([("tray", "in", "e3")])
+    home.undo()
+    assert_same(seen(home), before)
 
 
 def test_a_taking_over_that_is_stopped_is_made_by_the_next_question(tmp_path: Path) -> None:
     folder = home_of(tmp_path / "home", KNOWN)
-    live, other = isi.open(folder), isi.open(folder)
-    live.tell([MUG])
+    home, other = isi.open(folder), isi.open(folder)
+    home.tell([MUG])
     seen(other)
     larger = replace(KNOWN, entities=2 * KNOWN.entities)
-    live.train_again(larger)
-    stopped = patch.object(EntityGroups, "__init__", side_effect=KeyboardInterrupt)
+    home.train_again(larger)
+    stopped = patch.object(Choices, "__init__", side_effect=KeyboardInterrupt)
     with stopped, pytest.raises(KeyboardInterrupt):
         other.ask("e1", "in")
-    told = LiveEmbedding(larger)
+    told = Home(larger)
     for each in (other, told):
         each.tell([MUG, ("tray", "in", "e3")])
     assert_same(seen(other), seen(told))
-    assert_same(seen(live), seen(told))
+    assert_same(seen(home), seen(told))
 
 
 @pytest.mark.filterwarnings("ignore")  # it has learned nothing
 def test_training_of_a_home_is_on_all_that_holds(tmp_path: Path) -> None:
     rows = [(f"thing {each}", "at", f"room {each % 4}") for each in range(12)]
     kinds = {end: end.split()[0] for row in rows for end in (row[0], row[2])}
-    home = isi.train(rows, kinds=kinds, model="distmult", dimension=4, budget=1)
-    home.save(tmp_path / "home")
-    with isi.open(tmp_path / "home") as live:
-        live.tell([("mug", "at", "room 1"), ("mug", "by", "room 2"), ("thing 1", "by", "room 2")])
-        live.tell(rows[:1])
-        live.remove(facts=[rows[1]])
-        known = facts_of(live)
-        assert isi.train(live, model="distmult", dimension=4, budget=1) is live
-        assert facts_of(live) == known
-        assert (live.base.kinds[live.base.names.ids["mug"]], live.inserted) == ("thing", {})
-        assert live.base.relation_names == ["at", "by"]
-        assert ("thing 1", "at", "room 1") not in live.base.named_triples()
+    trained = isi.train(rows, kinds=kinds, model="distmult", dimension=4, budget=1)
+    trained.save(tmp_path / "home")
+    with isi.open(tmp_path / "home") as home:
+        home.tell([("mug", "at", "room 1"), ("mug", "by", "room 2"), ("thing 1", "by", "room 2")])
+        home.tell(rows[:1])
+        home.remove(facts=[rows[1]])
+        known = facts_of(home)
+        assert isi.train(home, model="distmult", dimension=4, budget=1) is home
+        assert facts_of(home) == known
+        assert (home.base.kinds[home.base.names.ids["mug"]], home.inserted) == ("thing", {})
+        assert home.base.relation_names == ["at", "by"]
+        assert ("thing 1", "at", "room 1") not in home.base.named_triples()
 
 
 def test_what_is_done_with_a_closed_home_is_refused_and_loses_nothing(tmp_path: Path) -> None:
     folder = home_of(tmp_path / "home", KNOWN)
-    with isi.open(folder) as live:
-        live.tell([MUG])
+    with isi.open(folder) as home:
+        home.tell([MUG])
     with isi.open(folder) as other:
         other.tell([("cup", "in", "e2")])
     before = files(folder)
     for work in (
-        partial(live.tell, [MUG]),
-        partial(live.move, *MUG),
-        partial(live.remove, "mug"),
-        live.undo,
-        partial(live.ask, *MUG[:2]),
-        partial(live.save, tmp_path / "copy"),
-        live.prepare,
+        partial(home.tell, [MUG]),
+        partial(home.move, *MUG),
+        partial(home.remove, "mug"),
+        home.undo,
+        partial(home.ask, *MUG[:2]),
+        partial(home.save, tmp_path / "copy"),
+        home.prepare,
     ):
         with pytest.raises(InputError, match="closed"):
             work()
-    live.close()
+    home.close()
     assert files(folder) == before
     assert list(isi.open(folder).inserted) == ["mug", "cup"]
 
 
 def test_how_durable_changes_are_is_told_when_a_home_is_opened(tmp_path: Path) -> None:
     folder = home_of(tmp_path / "home", KNOWN)
-    with isi.open(folder) as live:
-        assert live.home.read("PRAGMA synchronous") == [(2,)]
-    with isi.open(folder, durability="memory") as live:
-        live.tell([MUG])
+    with isi.open(folder) as home:
+        assert home.database.rows("PRAGMA synchronous") == [(2,)]
+    with isi.open(folder, durability="memory") as home:
+        home.tell([MUG])
     assert not isi.open(folder).inserted
     with pytest.raises(InputError, match="durability"):
         isi.open(folder, durability="sometimes")  # type: ignore[arg-type]

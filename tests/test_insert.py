@@ -434,7 +434,7 @@ def test_options_are_those_of_params_where_it_has_them() -> None:
 def test_public_names_are_found_where_they_are_defined() -> None:
     assert (isi.insert.__module__, isi.open.__module__) == (
         "isi.insertion.api",
-        "isi.home.embedding",
+        "isi.home.home",
     )
     with pytest.raises(AttributeError, match="has no attribute 'inser'"):
         isi.inser  # noqa: B018

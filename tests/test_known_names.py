@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from isi.errors import InputError
 from isi.graph.vocabulary import Vocabulary, ids_by_name, numbered, plurals, singulars
-from isi.home.embedding import LiveEmbedding
+from isi.home.home import Home
 from isi.names import plain
 from tests.small_bundle import NAMES, opened, worded
 
@@ -60,12 +60,12 @@ def test_names_that_differ_in_signs_or_between_digits_are_two_entities(
         names = Vocabulary("entity", [one])
         with pytest.raises(InputError, match="did you mean"):
             names.queried(other, pytest.fail)
-        live = LiveEmbedding(opened(entity_names=[*NAMES[:-1], one]))
+        home = Home(opened(entity_names=[*NAMES[:-1], one]))
         with pytest.raises(InputError, match="did you mean"):
-            live.observe([(other, "atLocation", "kitchen")])
-        assert live.tell([(other, "atLocation", "kitchen")]).inserted == [other]
-        assert live.ask(other, "atLocation").query[0] == other
-        assert live.remove(other).removed == [other]
+            home.observe([(other, "atLocation", "kitchen")])
+        assert home.tell([(other, "atLocation", "kitchen")]).inserted == [other]
+        assert home.ask(other, "atLocation").query[0] == other
+        assert home.remove(other).removed == [other]
 
 
 def test_a_name_as_it_is_written_goes_first_and_none_is_guessed() -> None:
@@ -83,34 +83,34 @@ def test_a_name_as_it_is_written_goes_first_and_none_is_guessed() -> None:
 def test_a_name_that_looks_like_a_known_one_is_refused_unless_it_is_new(
     tmp_path: Path, name: str
 ) -> None:
-    live = LiveEmbedding(worded(tmp_path, **{"copper kettle": [0.95, 0.1, 0.1]}))
-    for verb in (live.insert, live.tell):
+    home = Home(worded(tmp_path, **{"copper kettle": [0.95, 0.1, 0.1]}))
+    for verb in (home.insert, home.tell):
         with pytest.raises(InputError, match=r"kettle|bedroom|turn on"):
-            verb(*((name, IN_KITCHEN) if verb == live.insert else ({name: IN_KITCHEN},)))
-    assert live.insert(name, IN_KITCHEN, new=True).inserted == [name]
+            verb(*((name, IN_KITCHEN) if verb == home.insert else ({name: IN_KITCHEN},)))
+    assert home.insert(name, IN_KITCHEN, new=True).inserted == [name]
 
 
 def test_new_names_that_differ_in_case_are_told_together_where_that_is_meant() -> None:
-    live = LiveEmbedding(opened(entity_names=[*NAMES[:-1], "mW"]))
+    home = Home(opened(entity_names=[*NAMES[:-1], "mW"]))
     facts = [(name, "atLocation", "kitchen") for name in ("MW", "Co", "CO")]
     for names in (["Co", "CO"], ["MW"]):
         with pytest.raises(InputError, match=r"'Co'|'mW'"):
-            live.insert(names, facts[1:] if "Co" in names else facts[:1])
+            home.insert(names, facts[1:] if "Co" in names else facts[:1])
     with pytest.warns(UserWarning, match="'MW' is not known.*'mW'"):
-        live.nearest("MW")
-    live.tell(facts, new=True)
-    assert [live.ask(name, "atLocation").query[0] for name in ("MW", "CO")] == ["MW", "CO"]
+        home.nearest("MW")
+    home.tell(facts, new=True)
+    assert [home.ask(name, "atLocation").query[0] for name in ("MW", "CO")] == ["MW", "CO"]
     with pytest.raises(InputError, match="did you mean 'mW' or 'MW'"):
-        live.ask("mw", "atLocation")  # one of two is not chosen
+        home.ask("mw", "atLocation")  # one of two is not chosen
 
 
 @pytest.mark.parametrize("form", [" gas hob", "gas\u200b hob", "gas\u00a0hob"])
 def test_forms_of_a_name_in_one_change_are_one_entity(form: str) -> None:
-    live = LiveEmbedding(opened())
+    home = Home(opened())
     facts = [("gas hob", "atLocation", "kitchen"), (form, "hasAffordance", "turn on")]
-    effect = live.tell(facts, kind={form: "object"})
+    effect = home.tell(facts, kind={form: "object"})
     assert (effect.inserted, effect.facts) == (["gas hob"], 2)
-    assert live.inserted["gas hob"].kind == "object"
+    assert home.inserted["gas hob"].kind == "object"
 
 
 @pytest.mark.parametrize(

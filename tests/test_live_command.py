@@ -18,8 +18,8 @@ import pytest
 
 import isi
 from isi.__main__ import main
-from isi.home.embedding import LiveEmbedding
-from isi.home.groups import EntityGroups
+from isi.home.choices import Choices
+from isi.home.home import Home
 from isi.home.stream import answer, prepared_beside, serve
 from isi.initializers.api import INITIALIZERS, InitResult, initializer
 from isi.initializers.context import InitContext
@@ -113,21 +113,21 @@ no JSON
 @pytest.fixture(scope="module")
 def prepared(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A home in which all choices are made."""
-    live, folder = LiveEmbedding(KNOWN), tmp_path_factory.mktemp("prepared") / "home"
-    live.prepare()
-    live.save(folder)
+    home, folder = Home(KNOWN), tmp_path_factory.mktemp("prepared") / "home"
+    home.prepare()
+    home.save(folder)
     return folder
 
 
 @pytest.fixture
-def home(prepared: Path, tmp_path: Path) -> Path:
+def folder(prepared: Path, tmp_path: Path) -> Path:
     return shutil.copytree(prepared, tmp_path / "home")
 
 
-def answered(home: Path, requests: bytes) -> list[Any]:
+def answered(folder: Path, requests: bytes) -> list[Any]:
     """The answers of a process to all requests at once."""
     done = subprocess.run(
-        [*COMMAND, str(home)], input=requests, capture_output=True, check=True, timeout=PATIENCE
+        [*COMMAND, str(folder)], input=requests, capture_output=True, check=True, timeout=PATIENCE
     )
     assert done.stderr == b""
     return [json.loads(line) for line in done.stdout.splitlines()]
@@ -142,45 +142,45 @@ def contains(found: Any, expected: Any) -> bool:
     return bool(found == expected)
 
 
-def verbs(home: Path) -> list[str]:
-    with isi.open(home) as live:
-        return [change.verb for change in live.history]
+def verbs(folder: Path) -> list[str]:
+    with isi.open(folder) as home:
+        return [change.verb for change in home.history]
 
 
-def test_each_request_has_an_answer(home: Path) -> None:
+def test_each_request_has_an_answer(folder: Path) -> None:
     requests, expected = zip(
         *(line.split(" => ") for line in CONVERSATION.strip().splitlines()), strict=True
     )
-    answers = answered(home, "\n".join(requests).encode())
+    answers = answered(folder, "\n".join(requests).encode())
     for request, found, wanted in zip(requests, answers, map(json.loads, expected), strict=True):
         assert contains(found, wanted), (request, found)
     made = "tell tell tell undo move remove remove tell tell"
-    assert " ".join(verbs(home)) == made
+    assert " ".join(verbs(folder)) == made
 
 
-def test_a_long_stream_with_malformed_requests_has_an_answer_on_each_line(home: Path) -> None:
+def test_a_long_stream_with_malformed_requests_has_an_answer_on_each_line(folder: Path) -> None:
     requests = list[str]()
     for number in range(200):
         told = [[f"thing {number // 4}", "in", f"e{number % 30}"]]
         verb = ("tell", "ask", "tell", "observe")[number % 4]
         request = {"ask": ["e0", "in", None], "top": 1} if verb == "ask" else {verb: told}
         requests += [json.dumps(request), *BAD[number : number + 1]]
-    answers = answered(home, "\n".join(requests).encode())
+    answers = answered(folder, "\n".join(requests).encode())
     refused = [
         request for request, found in zip(requests, answers, strict=True) if "error" in found
     ]
     assert refused == BAD
     assert not [found for found in answers if "internal" in str(found.get("error"))]
-    assert verbs(home) == ["tell"] * 150
+    assert verbs(folder) == ["tell"] * 150
 
 
 @pytest.mark.parametrize("line", [b"", b"\n", b"\xff\xfe\n", b"[" * 9999, b"9" * 9999])
-def test_a_line_that_is_no_json_is_refused(line: bytes, home: Path) -> None:
-    assert list(json.loads(answer(isi.open(home), line))) == ["error"]
+def test_a_line_that_is_no_json_is_refused(line: bytes, folder: Path) -> None:
+    assert list(json.loads(answer(isi.open(folder), line))) == ["error"]
 
 
 def test_an_unexpected_error_is_answered_and_logged_and_changes_nothing(
-    home: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     registered = {name: INITIALIZERS.get(name) for name in INITIALIZERS.names()}
     monkeypatch.setattr(INITIALIZERS, "_registered", registered)
@@ -189,25 +189,25 @@ def test_an_unexpected_error_is_answered_and_logged_and_changes_nothing(
     def fail(context: InitContext) -> InitResult:
         raise ZeroDivisionError(f"of {len(context.novel)}\nin two lines")
 
-    live = isi.open(home)
+    home = isi.open(folder)
     request = {"tell": [["a", "in", "e1"]], "initializer": "failing", "id": 7}
-    refused = json.loads(answer(live, lines(request)))
+    refused = json.loads(answer(home, lines(request)))
     assert refused["id"] == 7
     assert refused["error"].startswith("internal: ZeroDivisionError")
     assert "Traceback" in capsys.readouterr().err
-    assert (verbs(home), live.inserted) == ([], {})
-    assert json.loads(answer(live, lines({"tell": [["a", "in", "e1"]]})))["inserted"] == ["a"]
+    assert (verbs(folder), home.inserted) == ([], {})
+    assert json.loads(answer(home, lines({"tell": [["a", "in", "e1"]]})))["inserted"] == ["a"]
 
 
 # Pipes
 
 
 @pytest.mark.parametrize("which", ["stdin", "stdout"])
-def test_a_pipe_that_does_not_block_loses_nothing(which: str, home: Path) -> None:
+def test_a_pipe_that_does_not_block_loses_nothing(which: str, folder: Path) -> None:
     requests, into = os.pipe()
     out, answers = os.pipe()
     os.set_blocking(requests if which == "stdin" else answers, False)
-    with subprocess.Popen([*COMMAND, str(home)], stdin=requests, stdout=answers) as process:
+    with subprocess.Popen([*COMMAND, str(folder)], stdin=requests, stdout=answers) as process:
         os.close(requests)
         os.close(answers)
 
@@ -232,17 +232,17 @@ def test_a_pipe_that_does_not_block_loses_nothing(which: str, home: Path) -> Non
 
 
 @pytest.mark.parametrize("end", ["< /dev/null", "<&-", "< /dev/null >&-"])
-def test_an_input_without_requests_or_a_closed_one_ends_the_process(home: Path, end: str) -> None:
-    command = f"{' '.join(COMMAND)} {home} {end}"
+def test_an_input_without_requests_or_a_closed_one_ends_the_process(folder: Path, end: str) -> None:
+    command = f"{' '.join(COMMAND)} {folder} {end}"
     done = subprocess.run(command, shell=True, capture_output=True, check=False)  # noqa: S602
     assert (done.returncode, done.stdout, done.stderr) == (0, b"", b"")
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
 def test_what_was_acknowledged_is_stored_when_a_signal_ends_the_process(
-    number: signal.Signals, home: Path
+    number: signal.Signals, folder: Path
 ) -> None:
-    with piped(home) as (process, ask):
+    with piped(folder) as (process, ask):
         for place in range(5):
             assert ask({"tell": [[f"a {place}", "in", "e1"]]})["facts"] == 1
         os.write(ask.writer.fileno(), lines(*({"tell": [["e0", "in", "e2"]]} for _ in range(9))))
@@ -252,15 +252,15 @@ def test_what_was_acknowledged_is_stored_when_a_signal_ends_the_process(
     assert time.monotonic() - started < 20
     assert process.returncode == (-9 if number == signal.SIGKILL else 0)
     assert errors.count(b"\n") == (number != signal.SIGKILL)
-    assert 5 + out.count(b"\n") <= len(verbs(home)) <= 14
+    assert 5 + out.count(b"\n") <= len(verbs(folder)) <= 14
 
 
 # Sockets
 
 
-def test_clients_of_a_socket_and_a_command_see_one_home(home: Path, tmp_path: Path) -> None:
+def test_clients_of_a_socket_and_a_command_see_one_home(folder: Path, tmp_path: Path) -> None:
     path = tmp_path / "socket"
-    with socket_of(home, path) as process:
+    with socket_of(folder, path) as process:
         one, other, verbose = connect(path), connect(path), connect(path)
         assert path.stat().st_mode & 0o077 == 0
         assert one({"tell": [["a", "in", "e1"]]})["inserted"] == ["a"]
@@ -272,10 +272,10 @@ def test_clients_of_a_socket_and_a_command_see_one_home(home: Path, tmp_path: Pa
             verbose.writer.flush()
         with suppress(ConnectionError):  # it is left, since its request is too long
             assert b"error" in verbose.reader.readline()
-        main(["tell", "b", "on", "a", "--home", str(home)])
+        main(["tell", "b", "on", "a", "--home", str(folder)])
         assert one({"ask": ["b", "on", None], "top": 1})["answers"][0]["entity"] == "a"
         assert one({"remove": "b"})["removed"] == ["b"]
-        assert list(isi.open(home).inserted) == ["a"]
+        assert list(isi.open(folder).inserted) == ["a"]
         process.send_signal(signal.SIGTERM)
         _, errors = process.communicate(timeout=PATIENCE)
     assert (process.returncode, errors.count(b"\n")) == (0, 1)
@@ -283,23 +283,23 @@ def test_clients_of_a_socket_and_a_command_see_one_home(home: Path, tmp_path: Pa
 
 
 def test_a_socket_is_of_one_process_and_a_dead_one_is_taken_over(
-    home: Path, tmp_path: Path
+    folder: Path, tmp_path: Path
 ) -> None:
     path = tmp_path / "socket"
-    with socket_of(home, path) as process:
+    with socket_of(folder, path) as process:
         process.kill()
         process.wait()
     assert path.is_socket()
-    with socket_of(home, path) as process:
+    with socket_of(folder, path) as process:
         ask = connect(path)
         serving = subprocess.run(
-            [*COMMAND, str(home), "--socket", str(path)], capture_output=True, check=False
+            [*COMMAND, str(folder), "--socket", str(path)], capture_output=True, check=False
         )
         assert (serving.returncode, serving.stderr.count(b"\n")) == (1, 1)
         assert str(path).encode() in serving.stderr
         assert ask(HISTORY) == {"history": []}
         path.unlink()
-        with socket_of(home, path):  # another one, under the name that the first one had
+        with socket_of(folder, path):  # another one, under the name that the first one had
             process.terminate()
             process.wait()
             assert connect(path)(HISTORY) == {"history": []}
@@ -309,7 +309,7 @@ def test_a_socket_that_cannot_be_made_is_refused_in_one_line(tmp_path: Path) -> 
     (tmp_path / "file").write_text("mine", encoding="utf-8")
     for path in (tmp_path / "file", tmp_path / "none" / "socket", tmp_path / ("x" * 200)):
         with pytest.raises(isi.InputError, match=path.name[:20]):
-            serve(LiveEmbedding(KNOWN), path)
+            serve(Home(KNOWN), path)
     assert (tmp_path / "file").read_text(encoding="utf-8") == "mine"
 
 
@@ -319,29 +319,29 @@ def test_a_socket_that_cannot_be_made_is_refused_in_one_line(tmp_path: Path) -> 
 def test_choices_are_made_beside_and_never_in_the_process_that_answers(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    LiveEmbedding(KNOWN).save(tmp_path / "home")
-    with isi.open(tmp_path / "home") as live, prepared_beside(live):
-        assert live.groups.preparation()
-        asked = json.loads(answer(live, lines({"ask": ["e0", "in", None]})))
+    Home(KNOWN).save(tmp_path / "home")
+    with isi.open(tmp_path / "home") as home, prepared_beside(home):
+        assert home.derived.choices.preparation()
+        asked = json.loads(answer(home, lines({"ask": ["e0", "in", None]})))
         assert asked["answers"]
-        assert wait_for(lambda: not live.groups.preparation())
-        monkeypatch.setattr(EntityGroups, "_choose", None)
+        assert wait_for(lambda: not home.derived.choices.preparation())
+        monkeypatch.setattr(Choices, "_choose", None)
         told = [
             [f"a {number}", "in", f"e{place}"] for number in range(4) for place in range(number)
         ]
-        effect = json.loads(answer(live, lines({"tell": told})))
+        effect = json.loads(answer(home, lines({"tell": told})))
         assert effect["inserted"] == ["a 1", "a 2", "a 3"]
-        assert live.ask("a 2", "in").answers[0].given
+        assert home.ask("a 2", "in").answers[0].given
 
 
 @pytest.mark.skipif(not CAN_MOUNT, reason="no file system can be mounted here")
-def test_a_read_only_folder_is_asked_and_refuses_changes(home: Path) -> None:
-    with isi.open(home) as live:
-        live.tell([("a", "in", "e1")])
+def test_a_read_only_folder_is_asked_and_refuses_changes(folder: Path) -> None:
+    with isi.open(folder) as home:
+        home.tell([("a", "in", "e1")])
     requests = lines({"ask": ["a", "in", None], "top": 1}, {"undo": True}, {"explain": "a"})
     script = (
-        f"mount --bind {home} {home} && mount -o remount,bind,ro {home} && "
-        f"exec {' '.join(COMMAND)} {home}"
+        f"mount --bind {folder} {folder} && mount -o remount,bind,ro {folder} && "
+        f"exec {' '.join(COMMAND)} {folder}"
     )
     done = subprocess.run(
         [*OWN_MOUNTS, "sh", "-c", script], input=requests, capture_output=True, check=True

@@ -1,4 +1,4 @@
-"""``isi.from_pykeen``: a live embedding of a PyKEEN model answers and inserts as the
+"""``isi.from_pykeen``: a home of a PyKEEN model answers and inserts as the
 model and ``isi.pykeen`` do.
 """
 
@@ -44,26 +44,26 @@ def test_vectors_and_answers_are_those_of_the_model(
     known = ring(inverse)
     model = model_of(name, known, **options)
     before = deepcopy(model.state_dict())
-    live = isi.from_pykeen(model, known, margin=0.0)
-    assert len(live.base.triples) == len(set(map(tuple, known.mapped_triples.tolist())))
+    home = isi.from_pykeen(model, known, margin=0.0)
+    assert len(home.base.triples) == len(set(map(tuple, known.mapped_triples.tolist())))
     for side, query in (("tail", ("e2", "r1", None)), ("head", (None, "r1", "e2"))):
         given = {"head": query[0], "tail": query[2]}
         target = predict_target(model, relation="r1", triples_factory=known, **given).df
         expected = dict(zip(target[f"{side}_label"], target["score"], strict=True))
-        answers = live.ask(*query, top=ENTITIES).answers
+        answers = home.ask(*query, top=ENTITIES).answers
         listed = {each.entity: each.score for each in answers}
         assert listed.keys() | {"e2"} == expected.keys()
         assert listed == pytest.approx({label: expected[label] for label in listed}, abs=1e-4)
         by_rank = sorted(answers, key=rank_of)
         assert [each.score for each in by_rank] == sorted(listed.values(), reverse=True)
     initializer = "map"
-    live.insert("cup", FACTS, initializer=initializer)
+    home.insert("cup", FACTS, initializer=initializer)
     how = {"new": ["cup"], "initializer": initializer, "margin": 0.0}
     done = isi.pykeen.insert(model, known, FACTS, **how).rows
-    np.testing.assert_allclose(live.inserted["cup"].vector, done.entities[-1], atol=1e-6)
-    assert live.now.entities[:ENTITIES].tobytes() == live.base.entities.tobytes()
-    np.testing.assert_allclose(live.now.entities[:ENTITIES], done.entities[:ENTITIES], rtol=1e-6)
-    assert live.ask("cup", "r0").answers[0].entity == "e1"
+    np.testing.assert_allclose(home.inserted["cup"].vector, done.entities[-1], atol=1e-6)
+    assert home.now.entities[:ENTITIES].tobytes() == home.base.entities.tobytes()
+    np.testing.assert_allclose(home.now.entities[:ENTITIES], done.entities[:ENTITIES], rtol=1e-6)
+    assert home.ask("cup", "r0").answers[0].entity == "e1"
     assert all(torch.equal(before[key], value) for key, value in model.state_dict().items())
 
 
@@ -73,13 +73,13 @@ def test_what_is_saved_answers_as_before(
 ) -> None:
     known = ring()
     kinds = {f"e{row}": ("place" if row % 2 else "object") for row in range(ENTITIES)}
-    live = isi.from_pykeen(model_of(name, known, **options), known, kinds=kinds)
-    live.insert("cup", FACTS)
-    live.save(tmp_path / "home")
+    home = isi.from_pykeen(model_of(name, known, **options), known, kinds=kinds)
+    home.insert("cup", FACTS)
+    home.save(tmp_path / "home")
     with isi.open(tmp_path / "home") as again:
         for query in (("cup", "r0", None), ("e3", None, "e4")):
-            assert again.ask(*query, top=99) == live.ask(*query, top=99)
-        assert again.base.kinds == [kinds[label] for label in live.base.entity_names]
+            assert again.ask(*query, top=99) == home.ask(*query, top=99)
+        assert again.base.kinds == [kinds[label] for label in home.base.entity_names]
 
 
 @pytest.mark.parametrize(
@@ -89,9 +89,9 @@ def test_a_model_that_a_folder_cannot_hold_is_not_saved(
     tmp_path: Path, name: str, inverse: bool
 ) -> None:
     known = ring(inverse)
-    live = isi.from_pykeen(model_of(name, known), known)
+    home = isi.from_pykeen(model_of(name, known), known)
     with pytest.raises(InputError, match=r"^save"):
-        live.save(tmp_path / "home")
+        home.save(tmp_path / "home")
     assert not (tmp_path / "home").exists()
 
 
@@ -109,12 +109,12 @@ def test_the_result_of_a_pipeline_serves_and_ids_without_labels_do_not() -> None
 
 def test_a_model_without_inverse_explains_without_relational_scores() -> None:
     known = ring()
-    live = isi.from_pykeen(model_of("tucker", known), known)
-    live.insert("cup", FACTS)
-    indicators = live.explain("cup").indicators
+    home = isi.from_pykeen(model_of("tucker", known), known)
+    home.insert("cup", FACTS)
+    indicators = home.explain("cup").indicators
     assert indicators
     assert {each.relations for each in indicators} == {None}
-    assert live.report("cup", top=2).entity == "cup"
+    assert home.report("cup", top=2).entity == "cup"
 
 
 @pytest.mark.parametrize("inverse", [False, True], ids=["", "inverse"])
@@ -122,7 +122,7 @@ def test_a_model_without_inverse_explains_without_relational_scores() -> None:
 def test_a_model_of_pykeen_comes_back_after_any_change(name: str, inverse: bool) -> None:
     known = ring(inverse)
     model = model_of(name, known)
-    live = isi.from_pykeen(model, known)
+    home = isi.from_pykeen(model, known)
     trained = {tuple(fact) for fact in known.triples}
     of_mug = {("mug", "r2", "cup"), ("mug", "r2", "e5")}
     every, retracted = trained | {*FACTS} | of_mug, min(trained)
@@ -136,15 +136,15 @@ def test_a_model_of_pykeen_comes_back_after_any_change(name: str, inverse: bool)
         ("tell", ([retracted],), every, ["cup", "mug"]),
     ]
     for verb, given, facts, entities in changes:
-        getattr(live, verb)(*given)
-        assert live.model is live.model
-        assert {tuple(fact) for fact in live.factory.triples} == facts  # type: ignore[attr-defined]
-        assert live.factory.create_inverse_triples == inverse
-        labels = live.factory.entity_to_id  # type: ignore[attr-defined]
+        getattr(home, verb)(*given)
+        assert home.model is home.model
+        assert {tuple(fact) for fact in home.factory.triples} == facts  # type: ignore[attr-defined]
+        assert home.factory.create_inverse_triples == inverse
+        labels = home.factory.entity_to_id  # type: ignore[attr-defined]
         assert [name for name in labels if labels[name] >= ENTITIES] == entities
-        rows = isi.pykeen.read_model(live.model, live.factory.mapped_triples, 0.0).entity[0]
-        np.testing.assert_allclose(rows, live.now.entities, rtol=1e-5, atol=1e-6)
-    again, more = isi.pykeen.insert(live.model, live.factory, [("pan", "r0", "mug")])
+        rows = isi.pykeen.read_model(home.model, home.factory.mapped_triples, 0.0).entity[0]
+        np.testing.assert_allclose(rows, home.now.entities, rtol=1e-5, atol=1e-6)
+    again, more = isi.pykeen.insert(home.model, home.factory, [("pan", "r0", "mug")])
     assert (again.num_entities, more.num_entities) == (ENTITIES + 3, ENTITIES + 3)
     assert model.num_entities == ENTITIES
 
@@ -154,8 +154,8 @@ def test_a_model_of_pykeen_comes_back_after_any_change(name: str, inverse: bool)
 )
 def test_a_model_of_pykeen_has_no_new_relations(name: str, inverse: bool) -> None:
     known = ring(inverse)
-    live = isi.from_pykeen(model_of(name, known), known)
-    live.tell([("e1", "near", "e2"), ("e3", "near", "e4")])
-    assert live.ask("e1", "near").answers[0].entity == "e2"
-    assert live.factory.num_triples == known.num_triples
-    assert live.model.num_relations == live.factory.num_relations
+    home = isi.from_pykeen(model_of(name, known), known)
+    home.tell([("e1", "near", "e2"), ("e3", "near", "e4")])
+    assert home.ask("e1", "near").answers[0].entity == "e2"
+    assert home.factory.num_triples == known.num_triples
+    assert home.model.num_relations == home.factory.num_relations

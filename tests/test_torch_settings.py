@@ -10,10 +10,10 @@ import pytest
 import torch
 
 import isi
-from isi.home.embedding import LiveEmbedding
+from isi.home.home import Home
 from isi.models.losses import Loss
 from tests.small_embedding import named
-from tests.small_live import KNOWN
+from tests.small_home import KNOWN
 
 FACTS = [(f"thing {a}", "near", f"thing {b}") for a in range(8) for b in range(8) if (a + b) % 3]
 NAMED = named()
@@ -68,10 +68,10 @@ def training_of_new_rows() -> list[Any]:
 
 def home() -> list[Any]:
     trained = isi.train(FACTS, model="distmult", dimension=4, budget=0.01)
-    live = LiveEmbedding(KNOWN)
-    live.insert("mug", {"in": live.base.entity_names[0]})
-    answers = [live.ask("mug", "in"), live.nearest("mug"), live.explain("mug"), live.report("mug")]
-    return [trained.base.entities, live.now.entities, *answers, live.interference()]
+    home = Home(KNOWN)
+    home.insert("mug", {"in": home.base.entity_names[0]})
+    answers = [home.ask("mug", "in"), home.nearest("mug"), home.explain("mug"), home.report("mug")]
+    return [trained.base.entities, home.now.entities, *answers, home.interference()]
 
 
 def benchmark() -> list[Any]:
@@ -96,10 +96,10 @@ def of_pykeen() -> list[Any]:
     model, factory = trained_by_pykeen()
     inserted = isi.pykeen.insert(model, factory, LATER)
     larger, fitted = inserted.model, inserted.train(epochs=2).model
-    live = isi.from_pykeen(model, factory)
-    live.insert("mug", {"near": "thing 1"})
-    made = [each for part in (larger, fitted, live.model) for each in part.parameters()]
-    return [each.detach().clone().numpy() for each in made] + [live.ask("mug", "near")]
+    home = isi.from_pykeen(model, factory)
+    home.insert("mug", {"near": "thing 1"})
+    made = [each for part in (larger, fitted, home.model) for each in part.parameters()]
+    return [each.detach().clone().numpy() for each in made] + [home.ask("mug", "near")]
 
 
 def as_bytes(values: list[Any]) -> list[bytes | str]:

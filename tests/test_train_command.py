@@ -19,18 +19,15 @@ from isi.evaluation.filtered import end_queries, random_ranks
 from isi.graph.graph import Graph, build_graph
 from isi.graph.sessions import TEST, TRAIN, VALID
 from isi.home.bundle import write
-from isi.home.train import (
-    OBSERVED,
-    PER_TRIPLE,
-    described,
+from isi.home.held_out import (
     frequencies,
     groups_of,
     held_out,
     reciprocal_ranks,
     repeated_relations,
-    tables_of,
-    train_bundle,
 )
+from isi.home.settings import OBSERVED, PER_TRIPLE
+from isi.home.train import described, tables_of, train_bundle
 from isi.models.bilinear import DistMult
 from isi.training.batches import Negatives
 from isi.training.fit import TrainConfig

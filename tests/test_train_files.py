@@ -64,7 +64,7 @@ main(["ask", "mug", "atLocation"])
     assert "observations: 13\n" in done.stdout
     assert "kitchen (known)" in done.stdout
     with isi.open(tmp_path / "home") as home:
-        assert not home.groups.preparation()  # all choices are made
+        assert not home.derived.choices.preparation()  # all choices are made
         kinds = dict(zip(home.base.entity_names, home.base.kinds, strict=True))
     assert (kinds["mug"], kinds["bedroom"]) == ("object", "")
 

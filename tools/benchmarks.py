@@ -116,7 +116,7 @@ def insert(rows: pd.DataFrame) -> dict[str, pd.Series]:
 
 
 def live(rows: pd.DataFrame) -> dict[str, pd.Series]:
-    """Median wall time of a change of a live embedding or a query to it;
+    """Median wall time of a change of a home or a query to it;
     ratios are of ``isi.insert`` alone.
     """
     (alone,) = rows["median"][rows["what"] == "isi.insert"]

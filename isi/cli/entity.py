@@ -1,4 +1,4 @@
-"""Commands about a home, one for each verb of ``LiveEmbedding``: tell, move, remove, undo, ask, ...
+"""Commands about a home, one for each verb of ``Home``: tell, move, remove, undo, ask, ...
 
 A command imports its modules when it runs, so that ``--help`` does not wait for PyTorch. An
 ``InputError`` refuses a broken home or an unknown name.
@@ -24,8 +24,8 @@ from isi.tables import paths
 if TYPE_CHECKING:
     from isi.home.answers import Answer
     from isi.home.changes import Effect
-    from isi.home.embedding import LiveEmbedding
     from isi.home.explain import Explanation, Report
+    from isi.home.home import Home
 
 FEW = 5  #: Queries, notes and indicators in a text, unless ``--verbose``.
 LISTED = 20  #: Names of entities in a text.
@@ -47,7 +47,7 @@ class ChangeOptions:
     ] = None
     source: Annotated[str | None, Parameter(help="what reported it, for the history")] = None
     dry_run: Annotated[bool, Parameter(help="print the effect and change nothing")] = False
-    home: HomeFolder = HOME
+    folder: HomeFolder = HOME
     json: Json = False
 
     @property
@@ -56,11 +56,11 @@ class ChangeOptions:
         return {"time": self.time, "source": self.source}
 
     @contextmanager
-    def opened(self) -> Iterator[LiveEmbedding]:
+    def opened(self) -> Iterator[Home]:
         """The home, or a copy of it in memory."""
         printed = StringIO()  # a command that cannot write prints no result
-        with open_home(self.home, self.dry_run) as live, redirect_stdout(printed):
-            yield live
+        with home_in(self.folder, self.dry_run) as home, redirect_stdout(printed):
+            yield home
         print(printed.getvalue(), end="")
         if self.dry_run and not self.json:
             print("nothing is written")
@@ -86,13 +86,11 @@ class EntityOptions:
     verbose: Verbose = False
 
     def arguments(self) -> dict[str, Any]:
-        """The arguments of ``LiveEmbedding.tell`` but the facts."""
-        given = {name: getattr(self, name) for name in GIVEN}
-        return given | {"options": _options(self.initializer, self.set)}
-
-
-#: Arguments of ``LiveEmbedding.tell`` that are fields of ``EntityOptions``.
-GIVEN = ("definition", "kind", "confidence", "new", "initializer", "seed")
+        """The arguments of ``Home.tell`` but the facts."""
+        arguments = asdict(self)
+        for of_report in ("set", "top", "verbose"):
+            del arguments[of_report]
+        return arguments | {"options": _options(self.initializer, self.set)}
 
 
 def tell(
@@ -121,14 +119,14 @@ def tell(
     facts: list[Any] = [*([typed] if tail is not None else []), *fact]
     if not (facts or from_ or entity):
         raise InputError("", "", "expected HEAD RELATION TAIL, --fact, --entity or --from FILE")
-    given = about.arguments()
-    with change.opened() as live, flags(initializer="--initializer", options="--set"):
+    arguments = about.arguments()
+    with change.opened() as home, flags(initializer="--initializer", options="--set"):
         if from_:
-            listed, kinds = _from_files(live, from_)
-            facts += listed
-            given |= {"kind": about.kind or kinds, "new": True}  # names in files are exact
-        effect = live.tell(facts, entities=entity, **given, **change.stamp)
-        _show_effect(live, effect, about, change.json)
+            of_files, kinds = _from_files(home, from_)
+            facts += of_files
+            arguments |= {"kind": about.kind or kinds, "new": True}  # names in files are exact
+        effect = home.tell(facts, entities=entity, **arguments, **change.stamp)
+        show_effect(home, effect, change.json, about)
 
 
 def insert(
@@ -157,10 +155,10 @@ def insert(
         raise InputError("", "", "expected NAME, with --fact RELATION ENTITY")
     facts = [(name, *pair) for pair in fact] + [(*pair, name) for pair in inverse_fact]
     facts += [_about(name, whole) for whole in whole_fact]
-    given = about.arguments()
-    with change.opened() as live, flags(initializer="--initializer", options="--set"):
-        effect = live.insert(name, facts, upsert=upsert, **given, **change.stamp)
-        _show_effect(live, effect, about, change.json)
+    arguments = about.arguments()
+    with change.opened() as home, flags(initializer="--initializer", options="--set"):
+        effect = home.insert(name, facts, upsert=upsert, **arguments, **change.stamp)
+        show_effect(home, effect, change.json, about)
 
 
 def observe(
@@ -171,9 +169,9 @@ def observe(
     change: ChangeOptions = ChangeOptions(),
 ) -> None:
     """Tell facts of entities that are known."""
-    with change.opened() as live:
-        effect = live.observe(list(fact), upsert=new, confidence=confidence, **change.stamp)
-        summary(live, effect, change.json)
+    with change.opened() as home:
+        effect = home.observe(list(fact), upsert=new, confidence=confidence, **change.stamp)
+        show_effect(home, effect, change.json)
 
 
 def move(
@@ -187,9 +185,9 @@ def move(
     change: ChangeOptions = ChangeOptions(),
 ) -> None:
     """Replace the facts with this head and relation by one fact: what was moved is in one place."""
-    with change.opened() as live:
-        effect = live.move(head, relation, tail, instead_of=instead_of, **change.stamp)
-        summary(live, effect, change.json)
+    with change.opened() as home:
+        effect = home.move(head, relation, tail, instead_of=instead_of, **change.stamp)
+        show_effect(home, effect, change.json)
 
 
 def remove(
@@ -198,14 +196,15 @@ def remove(
     """Take back inserted entities with all their facts, or single facts,
     those of training included.
     """
-    with change.opened() as live:
-        summary(live, live.remove(list(entity), list(fact), **change.stamp), change.json)
+    with change.opened() as home:
+        effect = home.remove(list(entity), list(fact), **change.stamp)
+        show_effect(home, effect, change.json)
 
 
 def undo(*, change: ChangeOptions = ChangeOptions()) -> None:
     """Take the last change back; the next time, the one before."""
-    with change.opened() as live:
-        summary(live, live.undo(**change.stamp), change.json)
+    with change.opened() as home:
+        show_effect(home, home.undo(**change.stamp), change.json)
 
 
 def history(
@@ -213,7 +212,7 @@ def history(
     stale: Annotated[
         str | None, Parameter(help="list facts that were not seen for so long: 30d, 12h")
     ] = None,
-    home: HomeFolder = HOME,
+    folder: HomeFolder = HOME,
     json: Json = False,
 ) -> None:
     """List all changes, those that were undone included; or facts that may have changed."""
@@ -222,17 +221,17 @@ def history(
     if stale is not None:
         with at("--stale"):
             age = AGE.validate_python(stale)
-        with open_home(home) as live:
-            facts = live.stale(age)
+        with home_in(folder) as home:
+            facts = home.stale(age)
         rows = [
             {"fact": row.fact, "count": row.count, "last_seen": row.last_seen, "source": row.source}
             for row in facts
         ]
         show({"stale": rows}, json)
         return
-    with open_home(home) as live:
-        changes = live.history
-    listed = [
+    with home_in(folder) as home:
+        changes = home.history
+    rows = [
         {
             "change": f"{each.verb}{' (undone)' * each.undone}",
             "inserted": each.inserted,
@@ -245,7 +244,7 @@ def history(
         }
         for each in changes
     ]
-    show({"changes": listed}, json)
+    show({"changes": rows}, json)
 
 
 def ask(
@@ -264,7 +263,7 @@ def ask(
             name="--from", help="table of queries: head, relation, tail; ? is what is asked for"
         ),
     ] = None,
-    home: HomeFolder = HOME,
+    folder: HomeFolder = HOME,
     top: Top = 10,
     json: Json = False,
 ) -> None:
@@ -274,15 +273,15 @@ def ask(
     if (from_ is None) == (head is None and relation is None and tail is None):
         raise InputError("", "", "expected either two of HEAD, RELATION and --tail, or --from FILE")
     candidates = list(among) or None
-    with open_home(home) as live:
+    with home_in(folder) as home:
         if from_ is None:
             with flags(ask="", entity="ENTITY", relation="RELATION"):
-                ranked = [live.ask(head, relation, tail, top, new=new, among=candidates)]
+                ranked = [home.ask(head, relation, tail, top, new=new, among=candidates)]
         else:
             ranked = []
             for line, query in _queries(from_):
                 with at(from_, f"line {line}"):
-                    ranked.append(live.ask(*query, top=top, new=new, among=candidates))
+                    ranked.append(home.ask(*query, top=top, new=new, among=candidates))
     if json:
         rows = [asdict(answers) | {"sure": answers.sure} for answers in ranked]
         show(rows[0] if from_ is None else {"results": rows}, True)
@@ -311,29 +310,36 @@ def _queries(file: Path) -> Iterator[tuple[int, tuple[str | None, str | None, st
 def explain(
     entity: Annotated[str, Parameter(help="an inserted entity")],
     *,
-    home: HomeFolder = HOME,
+    folder: HomeFolder = HOME,
     verbose: Verbose = False,
     json: Json = False,
 ) -> None:
     """Explain an insertion: its facts, its words and its indicators."""
-    with open_home(home) as live, flags(entity="ENTITY"):
-        explanation = live.explain(entity)
+    with home_in(folder) as home, flags(entity="ENTITY"):
+        explanation = home.explain(entity)
     show(asdict(explanation), True) if json else print(
         *why_in_words(explanation, verbose), sep="\n"
     )
 
 
-def _show_effect(live: LiveEmbedding, effect: Effect, about: EntityOptions, json: bool) -> None:
-    """Print what a change did; of one new entity, what is predicted about it."""
-    if len(effect.inserted) != 1:
-        summary(live, effect, json)
+def show_effect(
+    home: Home, effect: Effect, as_json: bool, about: EntityOptions | None = None
+) -> None:
+    """Print what a change did; of one new entity, if there are options ``about`` it, what is
+    predicted about it.
+    """
+    report, is_verbose = None, False
+    if about is not None and len(effect.inserted) == 1:
+        report, is_verbose = home.report(effect.inserted[0], about.top), about.verbose
+    if as_json:
+        of_report = {} if report is None else {"report": asdict(report)}
+        show(asdict(effect) | of_report, True)
         return
-    report = live.report(effect.inserted[0], about.top)
-    if json:
-        show(asdict(effect) | {"report": asdict(report)}, True)
-        return
-    further = [note for note in effect.notes if note not in report.notes]
-    print(*in_words(report, about.verbose), *_mrr_in_words(live), *further, sep="\n")
+    done = list(changes_in_words(effect) if report is None else in_words(report, is_verbose))
+    if effect.inserted or effect.updated:
+        done += costs_in_words(home)
+    notes = [note for note in effect.notes if report is None or note not in report.notes]
+    print(*(done + notes or ["nothing has changed"]), sep="\n")
 
 
 def in_words(report: Report, verbose: bool) -> Iterator[str]:
@@ -350,11 +356,11 @@ def in_words(report: Report, verbose: bool) -> Iterator[str]:
         guess = best if answers.sure else f"I do not know; the best guess is {best}"
         yield f"  {' '.join(answers.query)}: {guess}"
     if report.unsupported:
-        listed = (
+        unsupported = (
             f"{' '.join(triple)} ({_percent(likely)})"
             for triple, likely in report.unsupported[:most]
         )
-        yield f"predicted without support of a similar entity: {'; '.join(listed)}"
+        yield f"predicted without support of a similar entity: {'; '.join(unsupported)}"
     yield from report.notes[:most]
     if verbose:
         options = ", ".join(f"{key} {value}" for key, value in report.options.items())
@@ -372,47 +378,44 @@ def why_in_words(explanation: Explanation, verbose: bool) -> Iterator[str]:
     yield from explanation.notes[:most]
 
 
-def summary(live: LiveEmbedding, effect: Effect, json: bool) -> None:
-    """Print what a change did."""
-    if json:
-        show(asdict(effect), True)
-        return
-    lines = list[str]()
-    for change in ("inserted", "updated", "removed", "relations"):
-        if names := getattr(effect, change):
-            more = f" and {len(names) - LISTED:,} more" if len(names) > LISTED else ""
-            label = "new relations" if change == "relations" else change
-            lines.append(f"{label}: {', '.join(names[:LISTED])}{more}")
-    if effect.facts:
-        lines.append(f"facts added: {effect.facts:,}")
-    if effect.lost:
-        lines.append(f"facts removed: {len(effect.lost):,}")
-    if effect.known:
-        lines.append(f"facts seen again: {effect.known:,}")
-    has_vectors = effect.inserted or effect.updated
-    measured = list(_mrr_in_words(live)) if has_vectors else []
-    nothing = [] if lines or effect.notes else ["nothing has changed"]
-    print(*lines, *nothing, *measured, *effect.notes, sep="\n")
+def changes_in_words(effect: Effect) -> Iterator[str]:
+    """What a change did, a line for each kind of change."""
+    for label, names in (
+        ("inserted", effect.inserted),
+        ("updated", effect.updated),
+        ("removed", effect.removed),
+        ("new relations", effect.relations),
+    ):
+        more = f" and {len(names) - LISTED:,} more" * (len(names) > LISTED)
+        if names:
+            yield f"{label}: {', '.join(names[:LISTED])}{more}"
+    for label, number in (
+        ("facts added", effect.facts),
+        ("facts removed", len(effect.lost)),
+        ("facts seen again", effect.known),
+    ):
+        if number:
+            yield f"{label}: {number:,}"
 
 
-def _mrr_in_words(live: LiveEmbedding) -> Iterator[str]:
+def costs_in_words(home: Home) -> Iterator[str]:
     """What all insertions cost earlier knowledge."""
-    if measured := live.interference():
+    if measured := home.interference():
         yield (
             f"MRR of known triples: {measured.h_old:.3f} before all insertions, "
             f"{measured.h_cur:.3f} now"
         )
 
 
-def _options(initializer: str | None, given: Sequence[str]) -> dict[str, Any]:
+def _options(initializer: str | None, typed: Sequence[str]) -> dict[str, Any]:
     """The options of an initializer: those of ``--set``, then those under ``initializers`` in
     ``params.yaml``, which is there in a project's folder.
     """
-    if given and initializer is None:
+    if typed and initializer is None:
         raise InputError("--set", "", "expected an --initializer: --set gives its options")
     values = read(paths.PARAMS) if initializer and paths.PARAMS.exists() else {}
     key = f"initializers.{initializer}"
-    return check(value_of(values, key) or {}, dict[str, Any], key) | settings(given)
+    return check(value_of(values, key) or {}, dict[str, Any], key) | settings(typed)
 
 
 def _with_mark(best: Answer) -> str:
@@ -439,21 +442,19 @@ def _about(name: str, fact: tuple[str, str, str]) -> tuple[str, str, str]:
     return fact
 
 
-def _from_files(
-    live: LiveEmbedding, files: Sequence[Path]
-) -> tuple[list[list[str]], Mapping[str, str]]:
+def _from_files(home: Home, files: Sequence[Path]) -> tuple[list[list[str]], Mapping[str, str]]:
     """The facts of files, and the kinds of new names that the home has."""
     from isi.graph.files import read_graph
 
     tables, _ = read_graph(files)
     facts = tables.triples[["head", "relation", "tail"]].to_numpy().tolist()
-    known, kinds = live.now.names, {*live.base.kinds}
+    known, kinds = home.now.names, {*home.base.kinds}
     entities = tables.entities[["entity", "kind"]].astype(str).itertuples(index=False)
     new = {name: kind for name, kind in entities if kind in kinds and known.same(name) is None}
     return facts, new
 
 
-def open_home(path: Path, dry_run: bool = False) -> LiveEmbedding:
+def home_in(path: Path, dry_run: bool = False) -> Home:
     """Open the home of a folder. An ``InputError`` refuses a missing or broken one."""
     if path == HOME and not path.exists():
         expected = f"no such folder in {Path.cwd()}: name a home by --home DIR or ISI_HOME"
@@ -462,9 +463,9 @@ def open_home(path: Path, dry_run: bool = False) -> LiveEmbedding:
     gc.disable()
     import torch
 
-    from isi.home.embedding import open_live
+    from isi.home.home import open_home
 
     gc.freeze()
     gc.enable()
     torch.set_num_threads(1)  # so that equal commands write equal bytes
-    return open_live(path, "memory" if dry_run else "full")
+    return open_home(path, "memory" if dry_run else "full")

@@ -1,5 +1,6 @@
 """``isi import``: makes a home of an embedding that another tool, or the pipeline, has trained."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
 
@@ -7,9 +8,10 @@ from cyclopts import Parameter
 
 from isi.cli import NewFolder, Settings, flags, settings
 from isi.cli.output import refuse_inputs
+from isi.config import Option
 from isi.errors import InputError
 from isi.home.bundle import MANIFEST, Bundle, read
-from isi.home.database import Home, check_free
+from isi.home.folder import check_free, create
 from isi.home.importer import of_tables, read_labels, read_tables
 from isi.home.phrases import with_words
 from isi.models.losses import Loss
@@ -30,10 +32,7 @@ def import_(
     *,
     out: NewFolder,
     model: Annotated[
-        str | None,
-        Parameter(
-            help="scoring function, unless FOLDER is the pipeline's",
-        ),
+        str | None, Parameter(help="scoring function, unless FOLDER is the pipeline's")
     ] = None,
     set: Annotated[
         Settings,
@@ -62,21 +61,14 @@ def import_(
     """
     refuse_inputs([out], [folder])
     check_free(out)
-    bundle: Bundle
     if (folder / MANIFEST).is_file():
         if model or set or loss:
             raise InputError(folder, "", "expected no option but --vectors: it says what it holds")
         bundle = read(folder)
     else:
-        labels = read_labels(folder)
-        if model not in MODELS.names():
-            expected = f"expected a model among {', '.join(MODELS.names())}; got {model}"
-            raise InputError("--model", "", expected)
-        with flags(model="--model", model_options="--set"):
-            files, tables = read_tables(folder, str(model))
-            bundle = of_tables(labels, str(model), settings(set), tables, files, loss)
+        bundle = _of_arrays(folder, model, settings(set), loss)
     bundle = with_words(bundle, vectors)
-    Home.create(bundle, out).close()
+    create(bundle, out).close()
     options = ", ".join(f"{key} {value}" for key, value in bundle.manifest.model_options.items())
     size = bundle.sizes()
     print(
@@ -84,3 +76,16 @@ def import_(
         f" triples; {bundle.manifest.model_name}{f' ({options})' * bool(options)} of"
         f" dimension {size['dimension']}: {out}"
     )
+
+
+def _of_arrays(
+    folder: Path, model: str | None, options: Mapping[str, Option], loss: Loss | None
+) -> Bundle:
+    """The bundle of a folder of tensors and names."""
+    labels = read_labels(folder)
+    if model not in MODELS.names():
+        expected = f"expected a model among {', '.join(MODELS.names())}; got {model}"
+        raise InputError("--model", "", expected)
+    with flags(model="--model", model_options="--set"):
+        files, tables = read_tables(folder, str(model))
+        return of_tables(labels, str(model), options, tables, files, loss)

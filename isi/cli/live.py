@@ -12,7 +12,7 @@ from isi.cli import HOME
 
 
 def live(
-    home: Annotated[Path, Parameter(help="folder of a home")] = HOME,
+    folder: Annotated[Path, Parameter(name="--home", help="folder of a home")] = HOME,
     *,
     socket: Annotated[
         Path | None, Parameter(help="Unix socket to serve, in place of standard input")
@@ -21,9 +21,9 @@ def live(
     """Answer requests until the input ends, or until SIGTERM or Ctrl-C."""
     import torch
 
-    from isi.home.embedding import open_live
+    from isi.home.home import open_home
     from isi.home.stream import answer_input, prepared_beside, serve
 
     torch.set_num_threads(1)  # so that equal requests have equal answers
-    with open_live(home) as live, prepared_beside(live), suppress(SystemExit):
-        serve(live, socket) if socket else answer_input(live)
+    with open_home(folder) as home, prepared_beside(home), suppress(SystemExit):
+        serve(home, socket) if socket else answer_input(home)

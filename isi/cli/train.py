@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import shlex
 from collections import Counter
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,6 +18,31 @@ from isi.errors import InputError
 
 if TYPE_CHECKING:
     from isi.graph.graph import GraphTables
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class TrainingOptions:
+    """Options about the embedding."""
+
+    model: Annotated[str | None, Parameter(help="default: the best for validation triples")] = None
+    learning_rate: Annotated[float | None, Parameter(help="of Adagrad; default: as --model")] = None
+    dimension: Annotated[
+        int, Parameter(validator=FROM_ONE, help="numbers in an entity's vector")
+    ] = 100
+    budget: Annotated[
+        float, Parameter(help="seconds for comparing models, by an estimate of the work")
+    ] = 60
+    vectors: Annotated[
+        Path | None, Parameter(help="word2vec or GloVe file, for the word vectors of names")
+    ] = None
+    seed: Annotated[int, Parameter(validator=FROM_ZERO, help="seed of everything random")] = 0
+
+    def arguments(self) -> dict[str, Any]:
+        """The arguments of ``train_bundle`` but the graph."""
+        arguments = asdict(self)
+        del arguments["vectors"]
+        return arguments
 
 
 def train(
@@ -36,20 +64,7 @@ def train(
             help="table with the column entity, and kind or phrase or both",
         ),
     ] = None,
-    model: Annotated[str | None, Parameter(help="default: the best for validation triples")] = None,
-    learning_rate: Annotated[
-        float | None, Parameter(help="of Adagrad; default: as --model")
-    ] = None,
-    dimension: Annotated[
-        int, Parameter(validator=FROM_ONE, help="numbers in an entity's vector")
-    ] = 100,
-    budget: Annotated[
-        float, Parameter(help="seconds for comparing models, by an estimate of the work")
-    ] = 60,
-    vectors: Annotated[
-        Path | None, Parameter(help="word2vec or GloVe file, for the word vectors of names")
-    ] = None,
-    seed: Annotated[int, Parameter(validator=FROM_ZERO, help="seed of everything random")] = 0,
+    options: TrainingOptions = TrainingOptions(),
     reader: Annotated[
         str | None, Parameter(help="name of a reader; default: by the suffix")
     ] = None,
@@ -64,28 +79,16 @@ def train(
     import torch
 
     from isi.graph.files import path_of, read_graph
-    from isi.home.database import Home, check_free
-    from isi.home.embedding import LiveEmbedding, open_live
-    from isi.home.phrases import with_words
-    from isi.home.train import described, is_home, train_again, train_bundle
+    from isi.home.folder import check_free, is_home
+    from isi.home.train import described
 
     torch.set_num_threads(1)  # so that equal commands train equal vectors
-    options = {
-        "model": model,
-        "learning_rate": learning_rate,
-        "dimension": dimension,
-        "budget": budget,
-    }
-    names = flags(**{name: f"--{name.replace('_', '-')}" for name in options})
-    again = next((Path(file) for file in files if is_home(Path(file))), None)
-    if again is not None:
+    home = next((Path(file) for file in files if is_home(Path(file))), None)
+    if home is not None:
         if len(files) > 1 or out or entities or reader or set or describe:
             expected = "expected no other FILE and no option of files: a home is trained as it is"
-            raise InputError(again, "", expected)
-        with open_live(again) as live, names:
-            print(train_again(live, vectors, **options, seed=seed))
-            live.prepare(progress=True)
-        print(f"The home is trained again on all that holds: {again}")
+            raise InputError(home, "", expected)
+        _train_again(home, options)
         return
     if out is None and not describe:
         raise InputError("--out", "", "expected a folder for the home")
@@ -94,26 +97,55 @@ def train(
         inputs = [*map(path_of, files), *filter(None, [entities]), *paths_in(of_reader)]
         refuse_inputs([out], inputs)
         check_free(out)
-    tables, read = read_graph(files, reader, of_reader, seed)
+    tables, read = read_graph(files, reader, of_reader, options.seed)
     note = ""
     if entities:
         tables, note = described(tables, entities)
-    warnings = [f"Warning: {entities}: {note}."] if note else []
+    of_files = [*lines(read, are_names=True), *([f"Warning: {entities}: {note}."] if note else [])]
     if out is None or describe:
-        print(*lines(read, are_names=True), *warnings, sep="\n")
+        print(*of_files, sep="\n")
         show(counts(tables))
         return
-    with names:
-        bundle, summary = train_bundle(tables, **options, seed=seed)  # type: ignore[arg-type]
-    bundle = with_words(bundle, vectors)
-    with LiveEmbedding(bundle, Home.create(bundle, out)) as live:
-        live.prepare(progress=True)
-    print(*lines(read, are_names=True), *warnings, summary, sep="\n")
+    _train(tables, out, options, of_files)
+
+
+def _train_again(folder: Path, options: TrainingOptions) -> None:
+    """Train a home again."""
+    from isi.home.home import open_home
+    from isi.home.train import train_again
+
+    with open_home(folder) as home, _flags():
+        print(train_again(home, options.vectors, **options.arguments()))
+        home.prepare(progress=True)
+    print(f"The home is trained again on all that holds: {folder}")
+
+
+def _train(
+    tables: GraphTables, out: Path, options: TrainingOptions, of_files: Sequence[str]
+) -> None:
+    """Train a new home, and print how, after lines on its files."""
+    from isi.home.folder import create
+    from isi.home.home import Home
+    from isi.home.phrases import with_words
+    from isi.home.train import train_bundle
+
+    with _flags():
+        bundle, summary = train_bundle(tables, **options.arguments())
+    bundle = with_words(bundle, options.vectors)
+    with Home(bundle, create(bundle, out)) as home:
+        home.prepare(progress=True)
+    print(*of_files, summary, sep="\n")
     head, relation, tail = map(shlex.quote, bundle.named_triples()[0])
     folder = "" if out == HOME else f" --home {shlex.quote(str(out))}"
     print(f"The home is in {out}. Ask it, or tell it of something new:")
     print(f"  isi ask {head} {relation}{folder}")
     print(f"  isi tell 'NEW NAME' {relation} {tail}{folder}")
+
+
+def _flags() -> AbstractContextManager[None]:
+    """``flags`` of the options about the embedding."""
+    names = ("model", "learning_rate", "dimension", "budget")
+    return flags(**{name: f"--{name.replace('_', '-')}" for name in names})
 
 
 def counts(tables: GraphTables) -> dict[str, Any]:

@@ -1,5 +1,5 @@
 """Names and ids of entities, relations or kinds, and what a text that is no name may mean;
-triples of names as ids.
+triples of names as ids; names of new entities, and lists of kinds, beside the known names.
 """
 
 from __future__ import annotations
@@ -9,14 +9,15 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from functools import cached_property
 from operator import itemgetter
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import AfterValidator
 
-from isi.config import as_list, is_whole, plain_number
+from isi.config import as_list, check, is_whole, plain_number
 from isi.errors import InputError, at
 from isi.graph.graph import HEAD, RELATION, TAIL
-from isi.names import clean, plain
+from isi.names import check_name, clean, plain
 
 #: Maximum number of names that a message suggests: similar ones, or all names.
 SUGGESTED, LISTED = 3, 8
@@ -25,6 +26,8 @@ SHORTEST = 4  #: Minimum length of a new name that is compared with known ones.
 LETTER = r"[^\W\d_\u00b2\u00b3\u00b9\u00bc-\u00be\u2070-\u2189]"
 #: Separators between two letters.
 BETWEEN_LETTERS = re.compile(rf"(?<={LETTER})[ _-]+(?={LETTER})")
+
+NewName = Annotated[str, AfterValidator(check_name)]
 
 
 class Vocabulary:
@@ -213,6 +216,67 @@ class Vocabulary:
             self._groups[form_of] = _grouped(self._own, form_of)
         earlier = self._earlier._of_form(form_of, form) if self._earlier else []
         return earlier + self._groups[form_of].get(form, [])
+
+
+def check_new(name: str, known: Vocabulary, like: str | None, new: bool) -> None:
+    """InputError for a known name, and (unless ``new``) for one that resembles a known name.
+
+    ``like``: the known name with the most similar words, if they are very similar.
+    """
+    check(name, NewName, "", "name")
+    if (same := known.same(name)) is not None:
+        raise InputError(
+            repr(name)[:80], "", f"expected a new name: {same!r:.80} is known; use observe"
+        )
+    if new:
+        return
+    near = known.resembled(name)
+    if near is None and like is not None and numbers(like) == numbers(name):
+        near = like
+    if near is not None:
+        expected = f"{near!r:.80} is known: use observe, or insert it as new (new=True, --new)"
+        raise InputError(repr(name)[:80], "", expected)
+
+
+def by_known_name(values: Mapping[str, str], known: Vocabulary) -> tuple[dict[str, str], list[str]]:
+    """Values by the known name that theirs is (``Vocabulary.same``), and the names of the others:
+    of several for one name, the one that is written as the name, or else the first, counts.
+    """
+    matched = {name: value for name, value in values.items() if name in known.ids}
+    missing = list[str]()
+    for name, value in values.items():
+        same = known.same(name)
+        if same is None or (same != name and same in matched):
+            missing.append(name)
+        else:
+            matched[same] = value
+    return matched, missing
+
+
+def note_of_kinds(
+    missing: Sequence[str], listed: int, without: Sequence[str], known: Vocabulary
+) -> str:
+    """A sentence about listed names that match no entity, and entities without a kind;
+    empty if there are none.
+    """
+    parts = []
+    if missing:
+        meant = [known.meant(name) for name in missing[:SUGGESTED]]
+        known_meant = [name for name in meant if name is not None]
+        hint = f"; did you mean {_first_of(known_meant)}?" if known_meant else ""
+        parts.append(
+            f"{len(missing):,} of {listed:,} names match no entity ({_first_of(missing)}{hint})"
+        )
+    if without:
+        number = f"{len(without):,} of {known.number:,}"
+        parts.append(f"{number} entities have no kind ({_first_of(without)})")
+    return "; ".join(parts)
+
+
+def _first_of(names: Sequence[str]) -> str:
+    return ", ".join(f"{name!r:.80}" for name in names[:SUGGESTED]) + ", ..." * (
+        len(names) > SUGGESTED
+    )
 
 
 def loose(name: str) -> str:

@@ -97,15 +97,15 @@ def answer(
     names, rows = opened.entity_names, entities.numpy()
     known = np.isin(rows, list(opened.answers(query)))
     added = opened.triples[len(opened.triples) - opened.added :]
-    given = np.isin(rows, list(answers_in(added, query)))
+    is_added = np.isin(rows, list(answers_in(added, query)))
     usual = opened.candidates(query.relation, HEAD + TAIL - query.slot)
     if query.given not in usual and not known.any():
         curve = torch.zeros_like  # no known triple asks this of its kind
-    order = np.lexsort([~known, ~given])
+    order = np.lexsort([~known, ~is_added])
     order = order[~known[order]][:most] if new else order[:most]
     shared = {row: opened.answers(query._replace(given=row)) for row in indicators or ()}
     probabilities = _probabilities(curve, scores[order])
-    listed = list[Answer]()
+    best_answers = list[Answer]()
     for place, probability in zip(order.tolist(), probabilities, strict=True):
         row = int(rows[place])
         sharing = [names[other] for other, answers in shared.items() if row in answers]
@@ -114,13 +114,13 @@ def answer(
             rank=place + 1,
             score=scores[place].item(),
             probability=probability,
-            given=bool(given[place]),
+            given=bool(is_added[place]),
             known=bool(known[place]),
             inserted=row >= len(names) - opened.inserted,
             shared_by=None if indicators is None else sharing,
         )
-        listed.append(best)
-    return Answers(opened.named(query), listed)
+        best_answers.append(best)
+    return Answers(opened.named(query), best_answers)
 
 
 def answer_relation(
@@ -148,9 +148,9 @@ def answer_relation(
         known = tail in opened.answers(Query(head, relation, TAIL))
         if known and new:
             continue
-        given = tail in answers_in(added, Query(head, relation, TAIL))
+        is_added = tail in answers_in(added, Query(head, relation, TAIL))
         score = scores[relation].item()
-        rows.append(Answer(labels[relation], place + 1, score, probability, given, known, False))
+        rows.append(Answer(labels[relation], place + 1, score, probability, is_added, known, False))
     rows.sort(key=lambda row: (not row.given, not row.known, -(row.probability or 0.0)))
     return Answers((names[head], "?", names[tail]), rows[:most])
 
@@ -173,11 +173,11 @@ def fit_curve(opened: LoadedEmbedding, relation: int, slot: int) -> PlattCurve |
     """The curve for a relation and the slot of the answer, from known triples;
     None if the relation has none.
     """
-    given = opened.in_slot(relation, HEAD if slot == TAIL else TAIL)
-    if not given:
+    entities = opened.in_slot(relation, HEAD if slot == TAIL else TAIL)
+    if not entities:
         return None
     most = max(1, min(MOST_ENTITIES, MOST_ANSWERS // len(opened.entities)))
-    sample, candidates = given[:: -(-len(given) // most)], opened.candidates(relation, slot)
+    sample, candidates = entities[:: -(-len(entities) // most)], opened.candidates(relation, slot)
     scores = opened.scores(torch.tensor(sample), relation, slot)[:, candidates].double()
     answers = [
         torch.tensor(sorted(opened.answers(Query(entity, relation, slot)))) for entity in sample

@@ -3,14 +3,14 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import Annotated, Any
+from typing import Annotated, Any, TypedDict
 
 from pydantic import BeforeValidator, Field
 
 from isi.config import Section, Seed, check, plain_numbers
 from isi.errors import InputError, short
 from isi.home.bundle import Fact, NewEntity, Text
-from isi.home.database import Home
+from isi.home.database import Database
 from isi.insertion.arguments import listed_triples
 from isi.names import clean
 
@@ -19,7 +19,7 @@ def as_time(value: Any) -> Any:
     """A time with its zone, of a text in ISO 8601, of a datetime (both without a zone: local time,
     as Python has it) or of seconds since 1970.
     """
-    given = value
+    typed = value
     try:
         if isinstance(value, str):
             value = datetime.fromisoformat(value)
@@ -28,7 +28,17 @@ def as_time(value: Any) -> Any:
         return value.astimezone(UTC) if isinstance(value, datetime) else value
     except (ValueError, OverflowError, OSError) as error:
         expected = "expected a time such as 2026-11-25T09:30:00Z, or seconds since 1970"
-        raise ValueError(f"{expected}, got {short(given)}") from error
+        raise ValueError(f"{expected}, got {short(typed)}") from error
+
+
+def now() -> datetime:
+    """The time of a change that gives none: in UTC, to the second."""
+    return datetime.now(UTC).replace(microsecond=0)
+
+
+def as_text(time: datetime) -> str:
+    """A time as the database holds it: in UTC, to the second, so that texts order as times do."""
+    return f"{time.astimezone(UTC).replace(microsecond=0, tzinfo=None).isoformat()}Z"
 
 
 Time = Annotated[datetime, BeforeValidator(as_time)]
@@ -57,10 +67,10 @@ class TellOptions(Stamp):
     def about(self, name: str) -> NewEntity:
         """What is told about a new entity; of texts by name, the one of its name."""
         definition, kind = (
-            {clean(key): text for key, text in each.items()}.get(name)
-            if isinstance(each, Mapping)
-            else each
-            for each in (self.definition, self.kind)
+            {clean(key): text for key, text in texts.items()}.get(name)
+            if isinstance(texts, Mapping)
+            else texts
+            for texts in (self.definition, self.kind)
         )
         return NewEntity(
             definition=definition,
@@ -69,6 +79,25 @@ class TellOptions(Stamp):
             options=plain_numbers(dict(self.options or {})),
             seed=self.seed,
         )
+
+
+class When(TypedDict, total=False):
+    """A ``Stamp`` as a caller's keywords."""
+
+    time: datetime | str | float | None
+    source: str | None
+
+
+class About(When, total=False):
+    """``TellOptions`` as a caller's keywords."""
+
+    definition: str | Mapping[str, str] | None
+    kind: str | Mapping[str, str] | None
+    initializer: str | None
+    options: Mapping[str, Any] | None
+    seed: int
+    confidence: float | None
+    new: bool
 
 
 @dataclass(frozen=True)
@@ -104,6 +133,12 @@ class Change:
     believed: list[Fact] = field(default_factory=list)  #: of ``seen``, with another confidence
     training: bool = False  #: whether facts of training came or went
 
+    @property
+    def has_effect(self) -> bool:
+        """Whether an entity or a fact came, went or was seen."""
+        facts = self.added, self.seen, self.lost, self.unseen
+        return any([self.inserted, self.removed, *facts])
+
 
 #: The list of a ``Change`` that has what an effect was on; and that of a change that undoes it.
 LISTS = {
@@ -119,17 +154,12 @@ LISTS = {
 }
 
 
-def changes_of(home: Home, first: int = 0) -> list[Change]:
+def changes_of(database: Database, first: int = 0) -> list[Change]:
     """The changes of a home from a number on, in order."""
     changes = dict[int, Change]()
-    query = (
-        "SELECT id, verb, time, source, undone, undoes, effect, entity, head, relation, tail"
-        " FROM change LEFT JOIN effect ON effect.change = coalesce(undoes, id)"
-        " WHERE id >= ? ORDER BY id, effect.rowid"
-    )
-    for number, verb, time, source, undone, undoes, effect, *item in home.read(query, first):
-        made = Change(number, verb, datetime.fromisoformat(time), source, undone is not None)
-        change = changes.setdefault(number, made)
+    for number, verb, time, source, undone, undoes, effect, *item in database.effects(first):
+        new = Change(number, verb, datetime.fromisoformat(time), source, undone is not None)
+        change = changes.setdefault(number, new)
         if effect is None:
             continue
         entity, head, relation, tail = item
@@ -148,7 +178,7 @@ def checked_facts(facts: Any, confidence: float | None = None) -> dict[Fact, flo
 
     An ``InputError`` refuses what is not three texts and perhaps a number.
     """
-    listed = dict[Fact, float | None]()
+    confidences = dict[Fact, float | None]()
     for number, row in enumerate(listed_triples(facts)):
         parts = list(row) if isinstance(row, list | tuple) or hasattr(row, "tolist") else [row]
         if len(parts) not in (3, 4) or not all(isinstance(part, str) for part in parts[:3]):
@@ -158,8 +188,8 @@ def checked_facts(facts: Any, confidence: float | None = None) -> dict[Fact, flo
         if len(parts) == 4:
             believed = check(parts[3], Confidence, "confidence", f"fact {number}")
         head, relation, tail = parts[:3]
-        listed[head, relation, tail] = believed
-    return listed
+        confidences[head, relation, tail] = believed
+    return confidences
 
 
 def names_in(facts: Iterable[Fact], others: Iterable[str] = ()) -> list[str]:

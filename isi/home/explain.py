@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
 
 from isi.graph.graph import HEAD, TAIL
-from isi.home.answers import Answers, completed
+from isi.home.answers import Answers, Curve, answer, completed
 from isi.home.bundle import Fact
-from isi.home.groups import Computed, EntityGroups, EntityInput, InsertedEntity
-from isi.home.loaded import LoadedEmbedding, Query, queries_of
+from isi.home.groups import EntityGroups, InsertedEntity, Member
+from isi.home.loaded import LoadedEmbedding, queries_of
 from isi.home.phrases import PhraseVector
 from isi.initializers import similarity
 from isi.insertion.engine import context_for
+from isi.insertion.result import Details
 
 EXAMINED = 20  #: Best answers per query that are searched for those without support.
 #: Maximum number of indicators shown, and least weight, unless the vector is their centroid.
@@ -78,43 +79,42 @@ class Snapshot:
     now: LoadedEmbedding  #: with all inserted entities and the facts that hold
     groups: EntityGroups
     known_triples: np.ndarray  #: of training that hold; ids, shape: (T, 3)
-    #: what is given about the entity, and about those that share facts with it
-    given: Mapping[str, EntityInput]
+    #: the entity, and those that share facts with it, as they are to be inserted
+    members: Mapping[str, Member]
     row: InsertedEntity
 
     @property
     def facts(self) -> list[Fact]:
         """The facts of the entity by relations of training, sorted."""
-        return list(self.given[self.row.entity].facts)
+        return list(self.members[self.row.entity].facts)
 
     @property
     def words(self) -> PhraseVector:
         """The word vector of the entity."""
-        about = self.given[self.row.entity].about
-        return self.groups.words(self.row.entity, about.definition)
+        return self.members[self.row.entity].words
 
-    def again(self) -> Computed:
-        """The insertion, computed again."""
-        groups = self.groups
-        choice = groups.choice(self.row.conditions)
-        return groups.insert(self.given, self.known_triples, choice)[self.row.entity]
-
-
-#: The best answers to a query, so many of them, with ``Answer.shared_by`` for the ids of
-#: indicators.
-Ask = Callable[[Query, int, Collection[int]], Answers]
+    def again(self) -> tuple[Details, int]:
+        """The insertion, computed again, and the place of the entity in it."""
+        members = dict(sorted(self.members.items()))
+        result = self.groups.result(members, self.known_triples, self.row.conditions)
+        return result, list(members).index(self.row.entity)
 
 
-def report(snapshot: Snapshot, top: int, ask: Ask) -> Report:
-    """Report on an inserted entity, with the ``top`` best answers to each
-    query and nearest entities.
+#: From an entity, a relation and the slot of the answer to the curve of its probabilities.
+CurveOf = Callable[[int, int, int], Curve | None]
+
+
+def report(snapshot: Snapshot, top: int, curve_of: CurveOf) -> Report:
+    """Report on an inserted entity, with the ``top`` best answers to each query and nearest
+    entities.
     """
     now, row = snapshot.now, snapshot.row
     entity = now.names.ids[row.entity]
     shown = indicators_of(snapshot)
     weights = {indicator.id: indicator.weight or 1.0 for indicator in shown}
+    most = max(top, EXAMINED)
     ranked = [
-        (query, ask(query, max(top, EXAMINED), weights))
+        (query, answer(now, query, most, curve_of(*query), indicators=weights))
         for query in queries_of(now, entity, weights)
     ]
     unsupported = [
@@ -162,7 +162,7 @@ def indicators_of(snapshot: Snapshot) -> list[Indicator]:
     the most similar known entities.
     """
     base = snapshot.groups.base
-    _, result, place = snapshot.again()
+    result, place = snapshot.again()
     novel, entity = result.novel, result.known + place
     touches = (novel.triples[:, [HEAD, TAIL]] == entity).sum(1) == 1
     seen = context_for(novel, torch.tensor([entity]), novel.triples[touches])

@@ -26,7 +26,7 @@ from isi.config import Count, Section, check
 from isi.errors import InputError, at, short, unwritable
 from isi.home.bundle import Text
 from isi.home.changes import Confidence, Effect, Stamp, TellOptions
-from isi.home.embedding import LiveEmbedding, open_live
+from isi.home.home import Home, open_home
 from isi.insertion.arguments import listed_triples
 from isi.process import become_worker
 
@@ -72,18 +72,18 @@ Result = Mapping[str, Any]  #: The fields of an answer.
 
 class Request(Section):
     """A request without its ``id``: a verb and what may go with it, named after a method of
-    ``LiveEmbedding`` and its parameters.
+    ``Home`` and its parameters.
     """
 
     def first(self, value: Any) -> Sequence[Any]:
         """The first arguments of the method, by the value of the verb's key; ``true``: none."""
         return [] if value is True else [value]
 
-    def result(self, live: LiveEmbedding, verb: str) -> Result:
+    def result(self, home: Home, verb: str) -> Result:
         """Do what is asked; the fields of the answer."""
-        given = dict(self)
-        first = self.first(given.pop(verb))
-        effect: Effect = getattr(live, verb)(*first, **given)
+        options = dict(self)
+        first = self.first(options.pop(verb))
+        effect: Effect = getattr(home, verb)(*first, **options)
         return vars(effect)
 
 
@@ -98,10 +98,11 @@ class Insert(Request, TellOptions):
     facts: list[list[Any]] = Field([])
     upsert: bool = False
 
-    def result(self, live: LiveEmbedding, verb: str) -> Result:
+    def result(self, home: Home, verb: str) -> Result:
         facts = [*listed_triples(self.insert), *self.facts]
-        given = dict(self) | {"insert": list(self.insert), "facts": facts}
-        return vars(live.insert(given.pop(verb), **given))
+        options = dict(self) | {"facts": facts}
+        del options[verb]
+        return vars(home.insert(list(self.insert), **options))
 
 
 class Observe(Request, Stamp):
@@ -135,11 +136,11 @@ class Ask(Request):
     new: bool = False
     among: list[Text] | None = None
 
-    def result(self, live: LiveEmbedding, verb: str) -> Result:
-        given = dict(self)
+    def result(self, home: Home, verb: str) -> Result:
+        options = dict(self)
         results = []
-        for query in given.pop(verb):
-            best = live.ask(*query, **given)
+        for query in options.pop(verb):
+            best = home.ask(*query, **options)
             fields = {"query": best.query, "sure": best.sure, "answers": best.answers}
             results.append(fields | ({"notes": best.notes} if best.notes else {}))
         return results[0] if len(results) == 1 else {"results": results}
@@ -148,8 +149,8 @@ class Ask(Request):
 class Explain(Request):
     explain: Text
 
-    def result(self, live: LiveEmbedding, verb: str) -> Result:
-        return {verb: live.explain(self.explain)}
+    def result(self, home: Home, verb: str) -> Result:
+        return {verb: home.explain(self.explain)}
 
 
 class History(Request):
@@ -157,10 +158,10 @@ class History(Request):
     #: facts that were not seen for so long, instead of changes
     stale: Age | None = None
 
-    def result(self, live: LiveEmbedding, verb: str) -> Result:
+    def result(self, home: Home, verb: str) -> Result:
         if self.stale is not None:
-            return {"stale": live.stale(self.stale)}
-        return {verb: live.history}
+            return {"stale": home.stale(self.stale)}
+        return {verb: home.history}
 
 
 #: Requests by verb, the key that each of them must have.
@@ -177,7 +178,7 @@ VERBS: dict[str, type[Request]] = {
 }
 
 
-def answer(live: LiveEmbedding, line: bytes) -> bytes:
+def answer(home: Home, line: bytes) -> bytes:
     """The line that answers a request: what was done or found.
 
     ``notes`` say which known name a question is about if it has another spelling. A request that
@@ -194,8 +195,8 @@ def answer(live: LiveEmbedding, line: bytes) -> bytes:
                 expected = f"expected one of {', '.join(VERBS)}"
                 raise InputError("", "", f"{expected}, got {short(list(request))}")
             (verb,) = verbs
-            given = check(request, VERBS[verb], "", "")
-        result = given.result(live, verb)
+            checked = check(request, VERBS[verb], "", "")
+        result = checked.result(home, verb)
         return to_json(label | dict(result), inf_nan_mode="null") + b"\n"
     except InputError as error:
         result = {"error": str(error)}
@@ -250,17 +251,17 @@ def _refuse_constant(name: str) -> NoReturn:
     raise InputError("", "", f"expected a finite number, got {name}")
 
 
-def answer_input(live: LiveEmbedding) -> None:
+def answer_input(home: Home) -> None:
     """Answer standard input on standard output, to its end."""
     for descriptor in (0, 1):  # a pipe that does not block would lose requests and answers
         os.set_blocking(descriptor, True)
     with open(0, "rb", closefd=False) as requests, open(1, "wb", closefd=False) as answers:
         while line := requests.readline():
-            answers.write(answer(live, line))
+            answers.write(answer(home, line))
             answers.flush()
 
 
-def serve(live: LiveEmbedding, socket: Path) -> None:
+def serve(home: Home, socket: Path) -> None:
     """Answer the clients of a Unix socket, each in a thread, until the process is stopped.
 
     Only its owner can connect to the socket. An ``InputError`` refuses one that another process
@@ -274,7 +275,7 @@ def serve(live: LiveEmbedding, socket: Path) -> None:
                     if len(line) > LONGEST:
                         self.wfile.write(_TOO_LONG)
                         return
-                    self.wfile.write(answer(live, line))
+                    self.wfile.write(answer(home, line))
 
     if _is_served(socket):
         raise InputError(socket, "", "another process serves this socket: choose another name")
@@ -298,14 +299,15 @@ def serve(live: LiveEmbedding, socket: Path) -> None:
 
 
 @contextmanager
-def prepared_beside(live: LiveEmbedding) -> Iterator[None]:
+def prepared_beside(home: Home) -> Iterator[None]:
     """While requests are answered, make the choices that a home still lacks in another process,
     which stores them.
     """
     process = None
-    if live.folder is not None and not live.home.is_read_only and live.groups.preparation():
+    may_store = home.folder is not None and not home.database.is_read_only
+    if may_store and home.derived.choices.preparation():
         spawn = multiprocessing.get_context("spawn")
-        process = spawn.Process(target=_prepare, args=(live.folder, os.getpid()), daemon=True)
+        process = spawn.Process(target=_prepare, args=(home.folder, os.getpid()), daemon=True)
         process.start()
     try:
         yield
@@ -317,8 +319,8 @@ def prepared_beside(live: LiveEmbedding) -> Iterator[None]:
 def _prepare(folder: Path, parent: int) -> None:
     become_worker(parent)
     torch.set_num_threads(1)
-    with suppress(InputError), open_live(folder) as live:  # an insertion that needs it says so
-        live.prepare()
+    with suppress(InputError), open_home(folder) as home:  # an insertion that needs it says so
+        home.prepare()
 
 
 _TOO_LONG = to_json({"error": f"request: expected at most {LONGEST:,} bytes in a line"}) + b"\n"

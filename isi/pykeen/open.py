@@ -1,4 +1,4 @@
-"""``isi.from_pykeen``: a live embedding of a PyKEEN model."""
+"""``isi.from_pykeen``: a home of a PyKEEN model."""
 
 import warnings
 from collections.abc import Mapping
@@ -10,11 +10,11 @@ from pykeen.triples import CoreTriplesFactory, TriplesFactory
 
 from isi.errors import InputError
 from isi.graph.graph import RELATION
+from isi.graph.vocabulary import by_known_name, note_of_kinds
 from isi.home.bundle import Manifest, stored_loss
-from isi.home.database import Home
-from isi.home.embedding import LiveEmbedding
+from isi.home.database import Database
+from isi.home.home import Home
 from isi.home.loaded import LoadedEmbedding
-from isi.home.names import by_known_name, note_of_kinds
 from isi.initializers.inverses import pack
 from isi.models.model import name_of, stored_options
 from isi.models.stack import usual_torch
@@ -23,8 +23,8 @@ from isi.pykeen.insertion import add_rows, larger_factory, of_result, vocabulari
 from isi.pykeen.reading import PykeenModel, loss_of, read_model
 
 
-class PykeenEmbedding(LiveEmbedding):
-    """A live embedding that was made from a model of PyKEEN, and gives one back after any change.
+class PykeenHome(Home):
+    """A home that was made from a model of PyKEEN, and gives one back after any change.
 
     Example:
         >>> home = isi.from_pykeen(model, factory)
@@ -41,10 +41,10 @@ class PykeenEmbedding(LiveEmbedding):
         bundle: LoadedEmbedding,
         model: PykeenModel,
         factory: CoreTriplesFactory,
-        home: Home | None = None,
+        database: Database | None = None,
     ) -> None:
         """Use ``isi.from_pykeen``."""
-        super().__init__(bundle, home)
+        super().__init__(bundle, database)
         self._trained = model, factory
         self._made_from: LoadedEmbedding | None = None
 
@@ -87,9 +87,9 @@ def from_pykeen(
     *,
     kinds: Mapping[str, str] | None = None,
     margin: float | None = None,
-) -> PykeenEmbedding:
-    """A live embedding of a trained model of PyKEEN, or of the result of its pipeline.
-    The model is not changed. ``model`` and ``factory`` of the live embedding have all that was
+) -> PykeenHome:
+    """A home of a trained model of PyKEEN, or of the result of its pipeline.
+    The model is not changed. ``model`` and ``factory`` of the home have all that was
     inserted.
 
     DistMult, ComplEx, TransE and RotatE without inverse triples can be saved into a folder.
@@ -142,4 +142,4 @@ def from_pykeen(
         triples,
         scoring=None if name else read.model,
     )
-    return PykeenEmbedding(loaded, model, known)
+    return PykeenHome(loaded, model, known)

@@ -1,4 +1,4 @@
-"""A live embedding of the size of AI2-THOR's:
+"""A home of the size of AI2-THOR's:
 changes and queries in process and by the pipe of ``isi live``.
 
 The peer of changes is ``isi.insert`` with the same initializer by name: what they cost beyond the
@@ -20,7 +20,7 @@ import pytest
 
 import isi
 from isi.home.bundle import Bundle, Fact, Manifest
-from isi.home.embedding import LiveEmbedding
+from isi.home.home import Home
 
 ENTITIES, DIMENSION, TRIPLES, OBJECTS = 145, 100, 1_009, 40
 RELATIONS = ["at", "of", "for"]
@@ -77,11 +77,11 @@ def long_life(bundle: Bundle) -> list[Fact]:
 
 
 def of_object(bundle: Bundle, way: str) -> Callable[[], object]:
-    live, numbers = LiveEmbedding(bundle), count()
+    home, numbers = Home(bundle), count()
     if "10,000" in way:
-        live.tell(long_life(bundle))
+        home.tell(long_life(bundle))
     for number in range(OBJECTS):
-        live.insert(f"object {number}", [(f"object {number}", "at", "e144")], initializer="map")
+        home.insert(f"object {number}", [(f"object {number}", "at", "e144")], initializer="map")
     if way == "isi.insert":
         ids = [[ENTITIES, 0, 144], [ENTITIES, 1, 5]]
         return lambda: isi.insert(
@@ -95,15 +95,15 @@ def of_object(bundle: Bundle, way: str) -> Callable[[], object]:
         )
     if way == "insert":
         names = (f"new {number}" for number in count())
-        return lambda: live.insert(
+        return lambda: home.insert(
             name := next(names), [(name, "at", "e144"), (name, "of", "e5")], initializer="map"
         )
 
     def observe() -> object:
-        return live.observe([fact(next(numbers))])
+        return home.observe([fact(next(numbers))])
 
     def ask() -> object:
-        return live.ask("object 0", "at")
+        return home.ask("object 0", "at")
 
     def observe_and_ask() -> object:
         return observe(), ask()
@@ -115,7 +115,7 @@ def of_object(bundle: Bundle, way: str) -> Callable[[], object]:
 
 @pytest.fixture
 def pipe(bundle: Bundle, tmp_path: Path) -> Iterator[Callable[[Any], Any]]:
-    LiveEmbedding(bundle).save(tmp_path / "home")
+    Home(bundle).save(tmp_path / "home")
     command = [sys.executable, "-m", "isi", "live", str(tmp_path / "home")]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
         assert process.stdin
@@ -159,7 +159,7 @@ def test_by_pipe(benchmark: Any, pipe: Callable[[Any], Any], way: str) -> None:
 @pytest.mark.parametrize("way", HOME_WAYS)
 def test_in_a_folder(benchmark: Any, bundle: Bundle, tmp_path: Path, way: str) -> None:
     folder, numbers, rounds = tmp_path / "home", count(), 200
-    LiveEmbedding(bundle).save(folder)
+    Home(bundle).save(folder)
     benchmark.group = "live"
     benchmark.extra_info.update(what=way)
     facts = bundle.named_triples() if "known" in way else long_life(bundle)
@@ -171,21 +171,21 @@ def test_in_a_folder(benchmark: Any, bundle: Bundle, tmp_path: Path, way: str) -
         return
     if "100,000" in way:
         rounds = 10
-        with isi.open(folder) as live, live.home.transaction():
+        with isi.open(folder) as home, home.database.transaction():
             for fact in islice(cycle(facts), CHANGES):
-                live.tell([fact])
+                home.tell([fact])
 
     def open_and_ask() -> object:
         with isi.open(folder) as opened:
             return opened.ask("e0", "at")
 
     def tell() -> object:
-        return live.tell([facts[next(numbers)]])
+        return home.tell([facts[next(numbers)]])
 
     def tell_and_ask() -> object:
-        live.remove(facts=[facts[next(numbers)]])
-        return live.ask("e0", "at")
+        home.remove(facts=[facts[next(numbers)]])
+        return home.ask("e0", "at")
 
-    with isi.open(folder) as live:
+    with isi.open(folder) as home:
         work = open_and_ask if way.startswith("open") else tell
         benchmark.pedantic(tell_and_ask if "ask after" in way else work, rounds=rounds)

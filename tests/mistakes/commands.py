@@ -21,8 +21,8 @@ def anew(bundle: Bundle) -> None:
 
 def changed() -> None:
     """Tell of a new entity."""
-    with isi.open(HOME) as live:
-        live.tell([("hob", "atLocation", "kitchen"), ("kettle", "atLocation", "bedroom")])
+    with isi.open(HOME) as home:
+        home.tell([("hob", "atLocation", "kitchen"), ("kettle", "atLocation", "bedroom")])
 
 
 def of_pipeline() -> None:

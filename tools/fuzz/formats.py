@@ -23,7 +23,7 @@ from isi.errors import InputError, at
 from isi.graph.files import read_graph
 from isi.graph.graph import MinedSource, build_tables
 from isi.graph.words import look_up, read_vectors
-from isi.home.embedding import LiveEmbedding
+from isi.home.home import Home
 from isi.home.stream import answer
 from isi.home.train import tables_of
 from isi.names import name_fault
@@ -35,7 +35,7 @@ from isi.tables import paths
 from isi.tables.table import as_text
 from stages.files import KINDS, OBSERVATIONS, TRIPLES
 from stages.record import Recording
-from tests.small_live import KNOWN, assert_same, quick_choices, seen
+from tests.small_home import KNOWN, assert_same, quick_choices, seen
 
 Files = dict[str, bytes]
 ROOT = Path(__file__).parents[2]
@@ -129,10 +129,10 @@ def stream(file: str) -> str:
     A copy of the home must have the same answers.
     """
     with quick_choices(of_known=True):
-        live = LiveEmbedding(KNOWN)
+        home = Home(KNOWN)
         lines = Path(file).read_bytes().split(b"\n")
-        answers = [answer(live, line) for line in lines]
-        assert_same(seen(live), seen(copy(live)))
+        answers = [answer(home, line) for line in lines]
+        assert_same(seen(home), seen(copy(home)))
     assert all(whole.endswith(b"\n") and whole.count(b"\n") == 1 for whole in answers)
     replies = list(map(json.loads, answers))
     errors = [reply["error"] for reply in replies if "error" in reply]

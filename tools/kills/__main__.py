@@ -26,8 +26,8 @@ from pathlib import Path
 import pandas as pd
 from tqdm import tqdm
 
-from isi.home.database import Home
-from tests.small_live import KNOWN
+from isi.home.folder import create
+from tests.small_home import KNOWN
 from tools.kills import home
 from tools.kills.workspace import SIGNALS, WHOM, Fault, Lost, Workspace
 
@@ -121,11 +121,11 @@ def of_homes(kills: int, disks: int, chosen: random.Random) -> Iterator[Fault]:
         for way, cause in itertools.islice(ways, kills):
             path = Path(folder) / way
             if not path.exists():
-                Home.create(KNOWN, path).close()
+                create(KNOWN, path).close()
             yield home.killed(path, way, cause, chosen)
     for way in itertools.islice(itertools.cycle(("tell", "train")), disks):
         with suppress(PermissionError), disk() as (folder, hold):
-            Home.create(KNOWN, folder / "home").close()
+            create(KNOWN, folder / "home").close()
             hold(shutil.disk_usage(folder).used // 1024 + chosen.randrange(100, 300))
             yield home.starved(folder / "home", way, partial(hold, ALL))
 

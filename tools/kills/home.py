@@ -18,12 +18,12 @@ from pathlib import Path
 import numpy as np
 
 import isi
+from isi.home import folder as folders
 from isi.home.bundle import Bundle, Fact
-from isi.home.database import Home
-from isi.home.embedding import LiveEmbedding
+from isi.home.home import Home
 from isi.process import errors_in_one_line
 from tests.environment import ENVIRONMENT
-from tests.small_live import KNOWN, TRAINED, facts_of
+from tests.small_home import KNOWN, TRAINED, facts_of
 from tools.kills.workspace import Fault, Lost, prepare_process
 
 NEGATIVE = replace(KNOWN, entities=-KNOWN.entities)
@@ -62,7 +62,7 @@ def train(folder: Path) -> Iterator[int]:
 def create(folder: Path) -> Iterator[int]:
     """Replace a home without changes by another one, again and again."""
     for number in count():
-        Home.create((KNOWN, NEGATIVE)[number % 2], folder).close()
+        folders.create((KNOWN, NEGATIVE)[number % 2], folder).close()
         yield number
 
 
@@ -138,9 +138,9 @@ def check(folder: Path, way: str, acknowledged: int) -> None:
 BUNDLES = (KNOWN, NEGATIVE)
 
 
-def home_of_facts(facts: list[Fact], bundle: Bundle) -> LiveEmbedding:
+def home_of_facts(facts: list[Fact], bundle: Bundle) -> Home:
     """A home in memory that was given all facts at once, without being killed."""
-    home = LiveEmbedding(replace(KNOWN, entities=bundle.entities))
+    home = Home(replace(KNOWN, entities=bundle.entities))
     home.tell(facts, initializer="map")
     return home
 

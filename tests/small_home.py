@@ -9,10 +9,10 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
-from isi.home import groups
+from isi.home import choices
 from isi.home.bundle import Fact
-from isi.home.embedding import LiveEmbedding
-from isi.home.groups import Choice, Conditions, EntityGroups
+from isi.home.choices import Choice, Choices, Conditions
+from isi.home.home import Home
 from isi.insertion.engine import Method
 from isi.insertion.hidden import HoldOut
 from isi.insertion.selection import named
@@ -31,10 +31,10 @@ def _selected(test: HoldOut, has_facts: bool, *_: Any, **__: Any) -> tuple[Metho
     return named("map" if has_facts else "mean", {}, test.theta0.model, entities), None
 
 
-_choose = EntityGroups._choose
+_choose = Choices._choose
 
 
-def _remembered(made: EntityGroups, conditions: Conditions) -> Choice:
+def _remembered(made: Choices, conditions: Conditions) -> Choice:
     same = conditions._replace(seed=0)
     if same not in CHOICES:
         CHOICES[same] = _choose(made, conditions)
@@ -48,18 +48,18 @@ def quick_choices(of_known: bool = False) -> Iterator[None]:
     ``of_known``: all homes inside are of ``KNOWN``, so that curves are fitted once.
     """
     choose = _remembered if of_known else _choose
-    with patch.object(groups, "select", _selected), patch.object(EntityGroups, "_choose", choose):
+    with patch.object(choices, "select", _selected), patch.object(Choices, "_choose", choose):
         yield
 
 
-def facts_of(live: LiveEmbedding) -> dict[Fact, tuple[int, float | None]]:
+def facts_of(home: Home) -> dict[Fact, tuple[int, float | None]]:
     """The count and the confidence of each fact that holds."""
-    return {row.fact: (row.count, row.confidence) for row in live.facts}
+    return {row.fact: (row.count, row.confidence) for row in home.facts}
 
 
-def seen(live: LiveEmbedding) -> Seen:
+def seen(home: Home) -> Seen:
     """The vectors of the inserted entities, and the answers about them and some known ones."""
-    vectors = {name: row.vector for name, row in live.inserted.items()}
+    vectors = {name: row.vector for name, row in home.inserted.items()}
     queries: list[tuple[str | None, str | None, str | None]] = [("e0", "in", None)]
     queries += [(None, "on", "e2"), *(("e0", None, name) for name in vectors)]
     for name in vectors:
@@ -68,7 +68,7 @@ def seen(live: LiveEmbedding) -> Seen:
     for query in queries:
         answers[tuple(map(str, query))] = {
             best.entity: (best.score, best.probability, best.given, best.known, best.inserted)
-            for best in live.ask(*query, top=99).answers
+            for best in home.ask(*query, top=99).answers
         }
     return vectors, answers
 
