@@ -110,7 +110,7 @@ def read(path: Path) -> dict[str, Any]:
     """Read a YAML file that holds a mapping; InputError where it is
     missing or holds something else.
     """
-    if path in (paths.PARAMS, paths.PIPELINE) and not path.exists():
+    if path == paths.PARAMS and not path.exists():
         raise InputError(
             path, "", f"no such file in {Path.cwd()}: run this in the folder of the project"
         )

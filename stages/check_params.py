@@ -28,6 +28,7 @@ from stages.grid import Finetuned, FullCurves, InitializerList, NovelSet, is_lis
 from stages.insert import Convergence
 from stages.make_sessions import SessionsOf, Shares
 from stages.params import CONDITIONS, StageParams
+from stages.pipeline import BEYOND_PARAMS
 from stages.rank_affordances import Affordances
 from stages.runner import Compute
 from stages.sweep_indicators import Sweep
@@ -154,7 +155,7 @@ def load(path: Path = paths.PARAMS) -> Params:
     return _load(path, Params, check_params)
 
 
-def load_beyond(params: Params, path: Path = paths.BEYOND_PARAMS, *, runs: bool = True) -> Beyond:
+def load_beyond(params: Params, path: Path = BEYOND_PARAMS, *, runs: bool = True) -> Beyond:
     """Read ``beyond/params.yaml`` (empty if it is missing), and check it alone and against
     ``params``.
 

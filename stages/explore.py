@@ -13,10 +13,10 @@ from isi.errors import InputError, at
 from isi.graph.graph import GraphTables, MinedSource, build_graph, build_tables
 from isi.graph.words import look_up
 from isi.sources import Source
-from isi.tables import paths
 from stages.embed_words import Words, load_vectors
 from stages.files import ENTITIES, TRIPLES
 from stages.make_sessions import SessionsOf, Shares, session_tables
+from stages.pipeline import BEYOND_PARAMS
 from stages.stage import StageContext, stage
 from stages.store import Store
 from stages.vary import VARIANT_QUERIES, VARIANT_RUNS, Changes, Variant, results, variant_config
@@ -68,7 +68,7 @@ def explore(context: StageContext, graph: str) -> None:
     settings: GraphExperiment = context.beyond.read(key, GraphExperiment)
     shares: Shares = params.read("sessions", Shares)
     root = params.seed
-    with at(paths.BEYOND_PARAMS, key):
+    with at(BEYOND_PARAMS, key):
         tables = build_tables(mined(graph, settings, root, f"{key}.source"))
         if tables.triples.empty:
             raise InputError("", "source", "expected triples, got none")

@@ -4,6 +4,9 @@ A file of one stage is declared beside it. These stand apart, so that no stage d
 of another for its table alone.
 """
 
+from pathlib import Path
+
+from isi.tables import paths
 from isi.tables.rules import (
     COUNT,
     FROM_0,
@@ -15,6 +18,9 @@ from isi.tables.rules import (
 )
 from isi.tables.table import Table, TensorFile
 
+REPORTS = Path("reports")
+DEFINITIONS = paths.RAW / "words" / "definitions.csv"
+PAPER = paths.RAW / "paper" / "values.yaml"
 #: One row per triple of an instance, or per tally; ``count`` is the number of observations.
 OBSERVATIONS = Table(
     "data/observations/{source}.parquet",

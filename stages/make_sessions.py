@@ -22,6 +22,8 @@ from isi.tables.table import Table
 from stages.files import ENTITIES, INSERT_TRIPLES, NOVEL, SPLIT_NAMES, SPLITS, TRIPLES
 from stages.stage import StageContext, stage
 
+PUBLISHED_FOLDS = paths.RAW / "published" / "folds.csv"  #: The splits of the paper's authors.
+
 
 class Shares(Section):
     """``sessions`` in params: shares of triples held out,
@@ -90,7 +92,7 @@ def published_split(
     import pandas as pd
 
     phrases = pd.read_csv(paths.PUBLISHED_PHRASES, dtype=str, keep_default_na=False)
-    folds = pd.read_csv(paths.PUBLISHED_FOLDS, dtype=str, keep_default_na=False)
+    folds = pd.read_csv(PUBLISHED_FOLDS, dtype=str, keep_default_na=False)
     names = phrases.set_index("synset")["entity"]
     ends = [folds[end].map(names) for end in ("head", "tail")]
     codes = folds[f"fold_{fold}"].map(SPLIT_NAMES.index)

@@ -10,13 +10,16 @@ from pathlib import Path
 from typing import Any
 
 from isi import config
-from isi.errors import InputError
+from isi.errors import NO_SUCH_FILE, InputError
 from isi.tables import paths
 
+PIPELINE = Path("dvc.yaml")
+BEYOND_PARAMS = Path("beyond") / "params.yaml"  #: params of the second pipeline, beyond the paper
+BEYOND_PIPELINE = Path("beyond") / "dvc.yaml"
 #: Pipeline file → params file, which lists the values of the pipeline's matrices.
 PIPELINES = {
-    paths.PIPELINE: paths.PARAMS,
-    paths.BEYOND_PIPELINE: paths.BEYOND_PARAMS,
+    PIPELINE: paths.PARAMS,
+    BEYOND_PIPELINE: BEYOND_PARAMS,
 }
 
 
@@ -36,7 +39,7 @@ def makers(path: Path) -> Iterator[str]:
     """
     for pipeline in filter(Path.exists, PIPELINES):
         values = read(PIPELINES[pipeline])
-        before = "" if pipeline == paths.PIPELINE else f"{pipeline}:"
+        before = "" if pipeline == PIPELINE else f"{pipeline}:"
         for name, entry in _stages(pipeline).items():
             for out in [*entry.get("outs", []), *entry.get("metrics", [])]:
                 template = re.escape(next(iter(out)) if isinstance(out, dict) else str(out))
@@ -68,7 +71,7 @@ def find(name: str) -> tuple[Path, dict[str, Any]]:
         if name in _stages(pipeline):
             return pipeline, _stages(pipeline)[name]
     expected = f"expected a stage {name!r} here or in {' or '.join(map(str, others))}"
-    raise InputError(paths.PIPELINE, "stages", expected)
+    raise InputError(PIPELINE, "stages", expected)
 
 
 def _stages(pipeline: Path) -> dict[str, Any]:
@@ -82,6 +85,9 @@ def _stages(pipeline: Path) -> dict[str, Any]:
 
 def read(path: Path) -> dict[str, Any]:
     """The parsed content of a YAML file; cached until the file changes, since parsing is slow."""
+    if path == PIPELINE and not path.exists():
+        expected = f"{NO_SUCH_FILE} in {Path.cwd()}: run this in the folder of the project"
+        raise InputError(path, "", expected)
     stat = path.stat() if path.exists() else None
     return _parsed(path.absolute(), path, stat and (stat.st_mtime_ns, stat.st_size))
 

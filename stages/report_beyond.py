@@ -1,13 +1,13 @@
 """Draw the page of the second pipeline, and its figures, from its tables."""
 
-from isi.tables import paths
+from stages.files import REPORTS
 from stages.report import page
 from stages.stage import stage
 
 
 @stage
 def report_beyond() -> None:
-    print(f"report: {page.write('beyond', paths.REPORTS)}")
+    print(f"report: {page.write('beyond', REPORTS)}")
 
 
 if __name__ == "__main__":

@@ -12,9 +12,9 @@ from pathlib import Path
 from isi import config
 from isi.errors import NO_SUCH_FILE, InputError, suggestion
 from isi.process import Parser, errors_in_one_line
-from isi.tables import paths
 from stages import pipeline
 from stages.params import StageParams
+from stages.pipeline import BEYOND_PARAMS, BEYOND_PIPELINE
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ def context_of(name: str, names: Mapping[str, str]) -> StageContext:
             close = suggestion(names[argument], known)
             expected = f"expected the {argument} to be one of {', '.join(known)}{close}"
             raise InputError(of_params, f"{key}.{names[argument]}", expected)
-    beyond = StageParams({}, paths.BEYOND_PARAMS)
-    if file == paths.BEYOND_PIPELINE:
-        beyond = StageParams.load(paths.BEYOND_PARAMS)
+    beyond = StageParams({}, BEYOND_PARAMS)
+    if file == BEYOND_PIPELINE:
+        beyond = StageParams.load(BEYOND_PARAMS)
     return StageContext(name, StageParams.load(), beyond)

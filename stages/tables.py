@@ -1,7 +1,7 @@
 """Write the tables of the first pipeline, its plots and its headline numbers."""
 
-from isi.tables import paths
 from stages import check_params
+from stages.files import REPORTS
 from stages.report.tables import headlines, registry
 from stages.report.tables.data import Results
 from stages.stage import stage
@@ -9,9 +9,9 @@ from stages.stage import stage
 
 @stage
 def tables() -> None:
-    results, folder = Results.read(check_params.load()), paths.REPORTS / "tables"
+    results, folder = Results.read(check_params.load()), REPORTS / "tables"
     registry.write("report", results, folder)
-    headlines.write(results, paths.REPORTS)
+    headlines.write(results, REPORTS)
     print(f"tables: {folder}")
 
 

@@ -1,7 +1,7 @@
 """Write the tables of the second pipeline: variants, and other graphs."""
 
-from isi.tables import paths
 from stages import check_params
+from stages.files import REPORTS
 from stages.report.tables import registry
 from stages.report.tables.data import ModelLabels
 from stages.report.tables.further import Further
@@ -13,7 +13,7 @@ def tables_beyond() -> None:
     params = check_params.load()
     beyond = check_params.load_beyond(params)
     results = Further.read(params, beyond, ModelLabels.registered())
-    folder = paths.REPORTS / "beyond" / "tables"
+    folder = REPORTS / "beyond" / "tables"
     registry.write("beyond", results, folder)
     print(f"tables: {folder}")
 

@@ -16,8 +16,7 @@ from isi.graph.graph import Graph
 from isi.graph.sessions import TRAIN
 from isi.home.bundle import MODEL, Bundle, Manifest, WordSource, write
 from isi.models.stack import Embedding
-from isi.tables import paths
-from isi.tables.table import as_text
+from isi.tables.table import DataFile, as_text
 from isi.training.fit import TrainConfig, fit_for
 from stages.embed_words import Words
 from stages.grid import JOINT_MODEL, GridPoints
@@ -26,6 +25,9 @@ from stages.runner import Compute, run
 from stages.stage import StageContext, stage
 from stages.store import TRAINING_LOG, Store
 from stages.train_theta0 import train_config
+
+#: The folder of an experiment's final model, a bundle.
+FINAL_MODEL = DataFile("data/final_models/{experiment}")
 
 
 @stage
@@ -47,7 +49,7 @@ def train_final(context: StageContext, experiment: str) -> None:
         graph.triples.numpy(),
         store.words(),
     )
-    write(paths.final_model(experiment), bundle)
+    write(FINAL_MODEL.path(experiment=experiment), bundle)
 
 
 def manifest_of(params: StageParams, experiment: str, epochs: int) -> Manifest:

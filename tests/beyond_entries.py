@@ -7,6 +7,7 @@ from typing import Any
 import yaml
 
 from isi.tables import paths
+from stages.pipeline import BEYOND_PARAMS, BEYOND_PIPELINE, PIPELINE
 
 ROOT = Path(__file__).parent.parent
 SESSIONS = {"novel": "any", "sizes": [3], "seeds": 2}
@@ -31,11 +32,11 @@ VARIANT: dict[str, Any] = {
 
 def copy_pipelines(folder: Path) -> None:
     """Copy both dvc.yaml files, and params.yaml of the first pipeline, into a folder."""
-    for path in (paths.PARAMS, paths.PIPELINE, paths.BEYOND_PIPELINE):
+    for path in (paths.PARAMS, PIPELINE, BEYOND_PIPELINE):
         (folder / path).parent.mkdir(exist_ok=True)
         shutil.copy(ROOT / path, folder / path)
 
 
 def list_entries(**sections: Any) -> None:
     """Write params of the second pipeline with these sections, in the current folder."""
-    paths.BEYOND_PARAMS.write_text(yaml.safe_dump({"variants": {}, **sections}), encoding="utf-8")
+    BEYOND_PARAMS.write_text(yaml.safe_dump({"variants": {}, **sections}), encoding="utf-8")

@@ -14,7 +14,7 @@ from pydantic import BaseModel
 from isi.config import value_of
 from isi.tables import paths
 from stages.params import CONDITIONS, StageParams
-from stages.pipeline import PIPELINES
+from stages.pipeline import BEYOND_PARAMS, PIPELINES
 from stages.stage import StageContext, context_of
 
 parsed = cache(yaml.safe_load)  # cached, since parsing is slow
@@ -74,7 +74,7 @@ def restricted_context(stage: str, names: Mapping[str, str]) -> StageContext:
     return replace(
         context,
         params=ListedParams(params.values, params.file, keys=(*keys[paths.PARAMS], "compute")),
-        beyond=ListedParams(beyond.values, beyond.file, keys=tuple(keys[paths.BEYOND_PARAMS])),
+        beyond=ListedParams(beyond.values, beyond.file, keys=tuple(keys[BEYOND_PARAMS])),
     )
 
 

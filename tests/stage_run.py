@@ -13,6 +13,7 @@ import pytest
 import yaml
 
 from isi.tables import paths
+from stages.pipeline import BEYOND_PARAMS, BEYOND_PIPELINE, PIPELINE
 from tools.workspace import change
 
 ROOT = Path(__file__).parent.parent
@@ -54,9 +55,9 @@ def lay_out(folder: Path, changes: dict[str, Any]) -> None:
         change(values, key, value)
     (folder / paths.PARAMS).write_text(yaml.safe_dump(values, sort_keys=False), encoding="utf-8")
     for path in (
-        paths.PIPELINE,
-        paths.BEYOND_PIPELINE,
-        paths.BEYOND_PARAMS,
+        PIPELINE,
+        BEYOND_PIPELINE,
+        BEYOND_PARAMS,
     ):
         (folder / path).parent.mkdir(exist_ok=True)
         (folder / path).write_bytes((ROOT / path).read_bytes())

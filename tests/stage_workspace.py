@@ -13,6 +13,7 @@ from isi.tables import paths
 from isi.tables.table import Table
 from stages.files import ENTITIES, OBSERVATIONS, TRIPLES
 from stages.files import KINDS as KIND_TABLE
+from stages.pipeline import PIPELINE
 from tests.stage_run import main_of
 from tools.workspace import change
 
@@ -41,7 +42,7 @@ def workspace(tmp_path: Path) -> Path:
     for name in ("isi", "stages", "data/raw", "beyond"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).symlink_to(ROOT / name)
-    for path in (paths.PARAMS, paths.PIPELINE):
+    for path in (paths.PARAMS, PIPELINE):
         (tmp_path / path).write_bytes((ROOT / path).read_bytes())
     return tmp_path
 

@@ -7,7 +7,7 @@ import pytest
 
 from isi.config import read as read_params
 from isi.sources.behavior import STEPS
-from isi.tables import paths
+from stages.pipeline import BEYOND_PARAMS
 from tests.observing import observations_of
 
 ROOT = Path(__file__).parent.parent
@@ -18,7 +18,7 @@ ROOT = Path(__file__).parent.parent
     reason="needs the package bddl 3.6.0",
 )
 def test_the_package_read_as_shipped_has_51_scenes_and_all_their_instances() -> None:
-    shipped = read_params(ROOT / paths.BEYOND_PARAMS)["graphs"]["behavior"]["source"]
+    shipped = read_params(ROOT / BEYOND_PARAMS)["graphs"]["behavior"]["source"]
     settings = {key: value for key, value in shipped.items() if key not in ("reader", "from")}
     assert (shipped["reader"], shipped["from"]) == ("behavior", "package")
     assert settings.keys() == {"structure", "names", "affordances"}

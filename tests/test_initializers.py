@@ -25,6 +25,7 @@ from isi.initializers.api import (
 )
 from isi.initializers.context import InitContext, context_in_session
 from isi.tables import paths
+from stages.pipeline import BEYOND_PARAMS
 from tests.environment import ENVIRONMENT
 from tests.init_contexts import EVERYONE
 from tests.init_contexts import initialize as insert
@@ -244,7 +245,7 @@ def test_options_come_from_the_signature_and_the_label_is_the_name() -> None:
 
 
 def test_the_params_list_all_that_ship_with_their_options() -> None:
-    beyond = read(paths.BEYOND_PARAMS)["variants"]["baselines"]["options"]
+    beyond = read(BEYOND_PARAMS)["variants"]["baselines"]["options"]
     listed = {**read(paths.PARAMS)["initializers"], **beyond}
     assert set(listed) == set(EVERYONE)
     assert set(listed) <= set(INITIALIZERS.names())

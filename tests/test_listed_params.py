@@ -9,8 +9,8 @@ import pytest
 import yaml
 
 from isi.models.model import EmbeddingParams
-from isi.tables import paths
 from stages import stage as stages
+from stages.pipeline import BEYOND_PARAMS, BEYOND_PIPELINE, PIPELINE
 from tests import stage_run
 from tests.beyond_entries import GRAPH, SESSIONS, VARIANT
 from tests.listed_params import restricted_context
@@ -83,9 +83,7 @@ COMMANDS = (
 def project(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     folder = tmp_path_factory.mktemp("project")
     stage_run.lay_out(folder, CHANGES)
-    (folder / paths.BEYOND_PARAMS).write_text(
-        yaml.safe_dump(BEYOND, sort_keys=False), encoding="utf-8"
-    )
+    (folder / BEYOND_PARAMS).write_text(yaml.safe_dump(BEYOND, sort_keys=False), encoding="utf-8")
     with chdir(folder), pytest.MonkeyPatch.context() as patch:
         patch.setattr(stages, "context_of", restricted_context)
         yield folder
@@ -101,8 +99,7 @@ def test_a_stage_runs_with_the_params_that_are_listed_for_it_alone(command: str)
 @pytest.mark.usefixtures("project")
 def test_every_stage_but_the_reports_which_list_nearly_all_is_tried() -> None:
     pipelines = [
-        yaml.safe_load(path.read_text(encoding="utf-8"))
-        for path in (paths.PIPELINE, paths.BEYOND_PIPELINE)
+        yaml.safe_load(path.read_text(encoding="utf-8")) for path in (PIPELINE, BEYOND_PIPELINE)
     ]
     names = {name for pipeline in pipelines for name in pipeline["stages"]}
     assert {command.split()[0] for command in COMMANDS} == names - {

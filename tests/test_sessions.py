@@ -19,6 +19,7 @@ from isi.graph.sessions import OUT, TEST, TRAIN, VALID, folds, session_at, split
 from isi.tables import paths
 from stages.files import ENTITIES, SPLIT_NAMES, SPLITS, TRIPLES
 from stages.make_sessions import (
+    PUBLISHED_FOLDS,
     SessionsOf,
     Shares,
     check_held_out,
@@ -294,7 +295,7 @@ def published() -> Graph:
 
 def test_a_published_fold_is_that_of_the_papers_authors(published: Graph) -> None:
     names = pd.read_csv(paths.PUBLISHED_PHRASES).set_index("synset")["entity"]
-    folds = pd.read_csv(paths.PUBLISHED_FOLDS).replace({"head": names, "tail": names})
+    folds = pd.read_csv(PUBLISHED_FOLDS).replace({"head": names, "tail": names})
     expected = folds.set_index(NAMES)
     for fold in (0, 3):
         codes = published_split(published, fold, 0, 7, 0.1, 0.1)

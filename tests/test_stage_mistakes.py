@@ -27,7 +27,7 @@ from stages.files import (
     WORD_VECTORS,
 )
 from stages.files import KINDS as KIND_TABLE
-from stages.pipeline import missing
+from stages.pipeline import PIPELINE, missing
 from stages.store import INITIAL_VECTORS, MEASURE_CHANGES, RUNS, THETA0
 from stages.vary import VARIANT_RUNS
 from tests import stage_run
@@ -142,7 +142,7 @@ def test_a_sound_file_after_a_broken_one_replaces_the_earlier_output(
 ) -> None:
     leave(workspace, ENTITIES.path(experiment="ai2thor"), TRIPLES.path(experiment="ai2thor"))
     observed(workspace, "ai2thor", OBSERVED, KINDS)
-    for path in (paths.PARAMS, paths.PIPELINE):  # a byte order mark is read over
+    for path in (paths.PARAMS, PIPELINE):  # a byte order mark is read over
         (workspace / path).write_bytes(b"\xef\xbb\xbf" + (workspace / path).read_bytes())
     with chdir(workspace):
         stage_run.run("build_graph ai2thor")

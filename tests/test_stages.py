@@ -16,6 +16,7 @@ import yaml
 from dvc.repo import Repo
 
 from isi.tables import paths
+from stages.pipeline import BEYOND_PARAMS, BEYOND_PIPELINE, PIPELINE
 from tests import committed
 from tests.imports import PLUMBING, closure, imported
 from tests.listed_params import listed
@@ -27,14 +28,14 @@ def read(path: Path) -> dict[str, Any]:
     return dict(yaml.safe_load((ROOT / path).read_text(encoding="utf-8")))
 
 
-FIRST: dict[str, dict[str, Any]] = read(paths.PIPELINE)["stages"]
-BEYOND: dict[str, dict[str, Any]] = read(paths.BEYOND_PIPELINE)["stages"]
+FIRST: dict[str, dict[str, Any]] = read(PIPELINE)["stages"]
+BEYOND: dict[str, dict[str, Any]] = read(BEYOND_PIPELINE)["stages"]
 PIPELINES = {
-    paths.PIPELINE: FIRST,
-    paths.BEYOND_PIPELINE: BEYOND,
+    PIPELINE: FIRST,
+    BEYOND_PIPELINE: BEYOND,
 }
 STAGES = FIRST | BEYOND
-PARAMS = read(paths.PARAMS) | read(paths.BEYOND_PARAMS)
+PARAMS = read(paths.PARAMS) | read(BEYOND_PARAMS)
 LOCKS = [path.with_name("dvc.lock") for path in PIPELINES]
 OPEN = re.compile(r"\$\{([^}]+)\}")
 #: Packages whose modules are imported by name, and the params that name them.

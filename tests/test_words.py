@@ -16,8 +16,8 @@ from isi.graph import words
 from isi.sources.names import entity_name
 from isi.sources.recordings import locate
 from isi.sources.triples import published_phrases
-from isi.tables import paths
 from stages.embed_words import Words
+from stages.files import DEFINITIONS
 from tools.embed_phrases import reuse
 
 VECTORS = {
@@ -156,7 +156,7 @@ def shipped(request: pytest.FixtureRequest) -> KeyedVectors:
 
 
 def definitions() -> list[str]:
-    table = pd.read_csv(paths.DEFINITIONS, keep_default_na=False)
+    table = pd.read_csv(DEFINITIONS, keep_default_na=False)
     assert table["definition"].str.len().gt(10).all()
     assert table["phrase"].is_unique
     return list(table["phrase"])

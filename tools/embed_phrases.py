@@ -19,6 +19,7 @@ from gensim.models import KeyedVectors
 from isi.graph.words import read_vectors
 from isi.tables import paths
 from isi.tables.io import atomically
+from stages.files import DEFINITIONS
 
 WORDNET = paths.RAW / "words" / "wordnet.csv"
 #: Maximum rounding error of a coordinate of a unit vector; coordinates of different texts differ by
@@ -27,7 +28,7 @@ ROUNDING = 1e-5
 
 
 def main() -> None:
-    ours, theirs = read(paths.DEFINITIONS), read(WORDNET)
+    ours, theirs = read(DEFINITIONS), read(WORDNET)
     for text, sentences in {
         "definition": defined(ours),
         "phrase": ours["phrase"],

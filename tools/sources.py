@@ -27,6 +27,7 @@ from isi.errors import InputError
 from isi.process import errors_in_one_line
 from isi.sources import Source
 from isi.tables import paths
+from stages.pipeline import BEYOND_PARAMS
 from tools.docs import BENCHMARKS, write_table
 from tools.figures import STYLE, rendered
 
@@ -145,7 +146,7 @@ def main() -> None:
         "--params", type=Path, action="append", default=[], help="a YAML file with more sources"
     )
     given = parser.parse_args()
-    sources = source_settings([paths.PARAMS, paths.BEYOND_PARAMS, *given.params])
+    sources = source_settings([paths.PARAMS, BEYOND_PARAMS, *given.params])
     if unknown := set(given.names) - set(sources):
         sys.exit(f"{min(unknown)!r}: expected one of {', '.join(sources)}")
     rows, seed, folder = [], read(paths.PARAMS)["seed"], BENCHMARKS.parent / "sources"

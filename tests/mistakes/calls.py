@@ -12,6 +12,7 @@ from typing import Any
 import yaml
 
 from isi.tables import paths
+from stages.pipeline import BEYOND_PARAMS, BEYOND_PIPELINE, PIPELINE
 from tests.mistakes import LOG
 from tests.small_bundle import home_of, without_words
 from tools.workspace import change_all
@@ -92,7 +93,7 @@ def listed(**functions: Callable[[], object]) -> dict[str, list[Typed]]:
             before = functions.get(mistake.get("before", ""), nothing)
             if "files" in mistake:
                 before = put(mistake["files"], before)
-            for name, path in (("params", paths.PARAMS), ("beyond", paths.BEYOND_PARAMS)):
+            for name, path in (("params", paths.PARAMS), ("beyond", BEYOND_PARAMS)):
                 if name in mistake:
                     before = params(mistake[name], path, before)
             about, status = mistake.get("what", typed), mistake.get("status", 1)
@@ -111,7 +112,7 @@ def lay_out(folder: Path) -> Path:
     """Write the folder of commands: params, shipped data, an embedding without word vectors,
     a log of one triple.
     """
-    for path in (paths.PARAMS, paths.BEYOND_PARAMS, paths.PIPELINE, paths.BEYOND_PIPELINE):
+    for path in (paths.PARAMS, BEYOND_PARAMS, PIPELINE, BEYOND_PIPELINE):
         (folder / path).parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(ROOT / path, folder / path)
     (folder / paths.DATA).mkdir()

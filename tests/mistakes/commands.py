@@ -4,7 +4,7 @@ from pathlib import Path
 
 import isi
 from isi.home.bundle import Bundle
-from isi.tables import paths
+from stages.train_final import FINAL_MODEL
 from tests.mistakes.calls import Typed
 from tests.small_bundle import home_of, written
 
@@ -26,7 +26,7 @@ def changed() -> None:
 
 
 def of_pipeline() -> None:
-    written(paths.final_model("mine"))
+    written(FINAL_MODEL.path(experiment="mine"))
 
 
 def own_files() -> None:

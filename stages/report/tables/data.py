@@ -14,12 +14,11 @@ import pandas as pd
 from isi import config
 from isi.evaluation.query_sets import epochs_to_convergence
 from isi.initializers.api import INITIALIZERS
-from isi.tables import paths
 from isi.tables.table import Table
 from stages.breakdown import QUERY_BREAKDOWN
 from stages.check_params import ExperimentOf, Params
 from stages.cross_validate import CROSS_VALIDATION
-from stages.files import ENTITIES, TRIPLES
+from stages.files import ENTITIES, PAPER, TRIPLES
 from stages.finetune_only import FINETUNE_ONLY
 from stages.grid import JOINT_MODEL, is_listed
 from stages.rank_affordances import AFFORDANCES
@@ -331,8 +330,8 @@ class Results:
         """Read what all tables need; the rest is read when it is needed."""
         models = ModelLabels.registered()
         experiments = [Experiment.read(params, models, name) for name in params.experiments]
-        paper = config.read(paths.PAPER)
-        vocabulary = config.read(paths.PAPER.with_name("vocabulary.yaml"))
+        paper = config.read(PAPER)
+        vocabulary = config.read(PAPER.with_name("vocabulary.yaml"))
         return cls(params, paper, vocabulary, models, experiments)
 
     @property

@@ -256,8 +256,8 @@ def figure1_trajectory(results: Results) -> pd.DataFrame | None:
         label = results.models.labels[model]
         if chosen.any() and model in first.methods:
             places.append(_places(plane.places(traces["theta0"][chosen]), label, "indicator"))
-        path = traces[f"{model}.path"].astype(np.float64)
-        places.append(_places(plane.places(path), label, "path"))
+        vectors = traces[f"{model}.path"].astype(np.float64)
+        places.append(_places(plane.places(vectors), label, "path"))
     return pd.concat(places)
 
 
