@@ -148,13 +148,13 @@ def strong(results: Further) -> dict[str, pd.DataFrame]:
     """
     frames = dict[str, pd.DataFrame]()
     for runs in results.variants_of("baselines"):
-        given, cells = runs.means("given"), runs.by_run("given")
-        order = list(given["mean"].sort_values(ascending=False, kind="stable").index)
+        means, cells = runs.means("given"), runs.by_run("given")
+        order = list(means["mean"].sort_values(ascending=False, kind="stable").index)
         reference = cells.get(REFERENCE, pd.Series(np.nan, cells.index))
         minus = {model: difference(cells[model], reference) for model in order}
         columns = named(runs.means("held_out"), "mean", "held_out")
         columns |= named(runs.means("novel"), "mean", "novel")
-        columns |= named(given, "mean", DIRECTIONS["given"])
+        columns |= named(means, "mean", DIRECTIONS["given"])
         title = f"{DIRECTIONS['given']}, minus {runs.models.labels[REFERENCE]}"
         columns |= named(pd.DataFrame(minus).T, "difference", title)
         frames[runs.name] = runs.models.by_label(order, columns)

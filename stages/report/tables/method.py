@@ -242,10 +242,10 @@ def figure1_trajectory(results: Results) -> pd.DataFrame | None:
     first = next((each for each in results.experiments if each.name in traced), None)
     if first is None:
         return None
-    path = TRAJECTORY.path(experiment=first.name)
-    if not path.exists():
+    file = TRAJECTORY.path(experiment=first.name)
+    if not file.exists():
         return None
-    traces = {name: tensor.numpy() for name, tensor in TRAJECTORY.read_file(path).items()}
+    traces = {name: tensor.numpy() for name, tensor in TRAJECTORY.read_file(file).items()}
     known = traces["theta0"][traces["known"].astype(bool)]  # [N, d]
     plane = Projection.of(known)
     places = [_places(plane.places(known), "", "known entity")]
