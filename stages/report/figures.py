@@ -138,12 +138,15 @@ def by_row(frame: pd.DataFrame, row: str, models: Sequence[str], title: str) -> 
     of some models and for each that the palette does not name.
     """
     numbers = [name for name in estimates(frame) if is_number(frame[name])]
-    own = [name for name in numbers if name not in PALETTE["models"]]
-    shown = [name for name in models if name in frame] + own
-    return _given(frame, row, dict(zip(shown, shown, strict=True)), title)
+    unnamed = [name for name in numbers if name not in PALETTE["models"]]
+    marked = [name for name in models if name in frame] + unnamed
+    return entity_prediction(frame, row, dict(zip(marked, marked, strict=True)), title)
 
 
-def _given(frame: pd.DataFrame, row: str, columns: Mapping[str, str], title: str) -> Panel:
+def entity_prediction(
+    frame: pd.DataFrame, row: str, columns: Mapping[str, str], title: str
+) -> Panel:
+    """A mark for each of some columns (title to column) of entity MRR, a row for each ``row``."""
     return dots(frame, row, columns, title, xlabel="entity MRR, novel entity given (points)")
 
 
@@ -166,4 +169,4 @@ def strong(frame: pd.DataFrame) -> list[Panel]:
     """All initializers, sorted by entity MRR with the novel entity given."""
     column = DIRECTIONS["given"]
     ordered = frame.sort_values(column, ascending=False)
-    return [_given(ordered, "model", {"": column}, "Initializers")]
+    return [entity_prediction(ordered, "model", {"": column}, "Initializers")]
