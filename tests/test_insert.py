@@ -252,7 +252,7 @@ def test_words_may_be_tensors_vectors_or_texts_by_name() -> None:
     for listed in (vectors, by_name):
         np.testing.assert_array_equal(call(words=listed).entities, expected)
     for listed in (texts, {**by_name, "cup": "text of cup"}):
-        done = call(words=listed, word_source=embed)
+        done = call(words=listed, embedder=embed)
         np.testing.assert_array_equal(done.entities, expected)
 
 
@@ -566,7 +566,7 @@ def test_numbers_of_numpy_and_of_torch_are_numbers(number: Any) -> None:
 
 def test_arguments_are_spelt_out_and_a_typo_names_the_function() -> None:
     named = {"initializer", "options", "trained_with", "harm", "choose", "validation", "seed"}
-    named |= {"new_relations", "word_source", "confidence"}
+    named |= {"new_relations", "embedder", "confidence"}
     assert named <= signature(isi.insert).parameters.keys()
     with pytest.raises(TypeError, match=r"^insert\(\) got an unexpected .*'initialiser'"):
         call(initialiser="mean")

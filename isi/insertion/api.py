@@ -15,7 +15,7 @@ from isi.graph.graph import HEAD, TAIL
 from isi.initializers.api import InitResult, NoRelationMap
 from isi.initializers.scale import Scale
 from isi.insertion import engine
-from isi.insertion.arguments import Source, TripleForms, naming_argument, options_by_name
+from isi.insertion.arguments import Embedder, TripleForms, naming_argument, options_by_name
 from isi.insertion.engine import Method
 from isi.insertion.hidden import HoldOut
 from isi.insertion.request import Checked, InsertRequest, KnownEmbedding, checked_request
@@ -47,7 +47,7 @@ def insert(
     validation: TripleForms | None = None,
     seed: int = 0,
     new_relations: int | Sequence[str] = 0,
-    word_source: Source | None = None,
+    embedder: Embedder | None = None,
     confidence: Sequence[float] | np.ndarray | None = None,
 ) -> Inserted:
     """Compute vectors for new entities from their triples, words or kinds. Known vectors do not
@@ -120,7 +120,7 @@ def insert(
         validation=validation,
         seed=seed,
         new_relations=new_relations,
-        word_source=word_source,
+        embedder=embedder,
         confidence=confidence,
     )
     return insert_request(known, request, stacklevel=4)

@@ -22,9 +22,8 @@ from isi.tables import paths
 if TYPE_CHECKING:
     import pandas as pd
 
-#: Embeds texts.
-Source = Callable[[Sequence[str]], Any]
-Triple = Sequence[str | int]  #: Head, relation, tail; names or ids.
+#: Embeds texts: a function from a list of texts to their vectors.
+Embedder = Callable[[Sequence[str]], Any]
 
 
 class ArrowTable(Protocol):
@@ -35,7 +34,7 @@ class ArrowTable(Protocol):
 
 #: Triples in the forms that ``listed_triples`` describes.
 TripleForms: TypeAlias = (
-    "Sequence[Triple] | np.ndarray | torch.Tensor | pd.DataFrame | ArrowTable"
+    "Sequence[Sequence[str | int]] | np.ndarray | torch.Tensor | pd.DataFrame | ArrowTable"
     " | Mapping[str, Mapping[str, Any]]"
 )
 
@@ -90,8 +89,8 @@ def table(
     """
     with naming_argument(name), np.errstate(over="ignore", invalid="ignore"):
         try:
-            given = array_of(values) if isinstance(values, torch.Tensor) else values
-            numbers = np.asarray(given, dtype)
+            rows = array_of(values) if isinstance(values, torch.Tensor) else values
+            numbers = np.asarray(rows, dtype)
         # RuntimeError: by a tensor within
         except (TypeError, ValueError, RuntimeError, OverflowError) as error:
             raise InputError(
@@ -103,19 +102,14 @@ def table(
             )
             raise InputError("", "", expected)
         if numbers.ndim != 2 or numbers.dtype.kind != "f" or not numbers.size:
-            raise InputError(
-                "",
-                "",
-                f"expected a table of floats (rows, numbers), got {numbers.dtype} {numbers.shape}",
-            )
+            got = f"{numbers.dtype} {numbers.shape}"
+            raise InputError("", "", f"expected a table of floats (rows, numbers), got {got}")
         if width is not None and numbers.shape[1] != width:
-            raise InputError(
-                "", "", f"expected rows of {width} numbers, got rows of {numbers.shape[1]}"
-            )
-        if not np.isfinite(numbers.sum()) and not (rows := np.isfinite(numbers).all(1)).all():
-            raise InputError(
-                "", f"row {int(np.argmin(rows))}", "expected finite numbers, got NaN or infinity"
-            )
+            expected = f"expected rows of {width} numbers, got rows of {numbers.shape[1]}"
+            raise InputError("", "", expected)
+        if not np.isfinite(numbers.sum()) and not (sound := np.isfinite(numbers).all(1)).all():
+            row = f"row {int(np.argmin(sound))}"
+            raise InputError("", row, "expected finite numbers, got NaN or infinity")
     return numbers
 
 
@@ -123,13 +117,12 @@ def checked_model(model: Any, options: Any, dimension: int) -> Model:
     """A given ``Model`` (options ignored), or one made by name;
     InputError for a wrong name, option or dimension.
     """
-    given = options_by_name(options, "model_options")
+    by_name = options_by_name(options, "model_options")
     with naming_argument("model"):
         if not isinstance(model, str | Model):
-            raise InputError(
-                "", "", f"expected the name of a model, or a model, got {short(model)}"
-            )
-        checked = model if isinstance(model, Model) else make_model(model, given, "model")
+            expected = f"expected the name of a model, or a model, got {short(model)}"
+            raise InputError("", "", expected)
+        checked = model if isinstance(model, Model) else make_model(model, by_name, "model")
         checked.width(dimension)
     return checked
 
@@ -148,12 +141,12 @@ def listed_triples(triples: Any) -> np.ndarray | list[Any]:
         rows = []
         for head, facts in triples.items():
             if not isinstance(facts, Mapping):
-                raise InputError(
-                    "", f"{head!r:.80}", f"expected tails by relation, got {short(facts)}"
-                )
+                expected = f"expected tails by relation, got {short(facts)}"
+                raise InputError("", f"{head!r:.80}", expected)
             for relation, tails in facts.items():
-                listed = [tails] if isinstance(tails, str) or is_whole(tails) else as_list(tails)
-                rows += [(head, relation, tail) for tail in listed]
+                is_single = isinstance(tails, str) or is_whole(tails)
+                for tail in [tails] if is_single else as_list(tails):
+                    rows.append((head, relation, tail))
         return rows
     if hasattr(triples, "isna"):
         if names := column_names(triples):
@@ -271,10 +264,10 @@ def kinds_of(kinds: Any, entities: Vocabulary) -> np.ndarray | None:
             kind_of = {entities.id(name, ""): kind for name, kind in kinds.items()}
             kinds = [kind_of.get(row, "") for row in range(entities.number)]
         numbers = isinstance(kinds, np.ndarray) and kinds.dtype.kind == "i"
-        listed = kinds if numbers else as_list(kinds, object, "a list of kinds")
-        labels = np.array(
-            listed if numbers else ["" if kind is None else str(kind) for kind in listed]
-        )
+        if not numbers:
+            every = as_list(kinds, object, "a list of kinds")
+            kinds = ["" if kind is None else str(kind) for kind in every]
+        labels = np.array(kinds)
         if len(labels) != entities.number:
             expected = (
                 f"expected {entities.number} kinds, one for each entity (new ones too), "
@@ -285,7 +278,7 @@ def kinds_of(kinds: Any, entities: Vocabulary) -> np.ndarray | None:
     return np.where(missing, -1, np.unique(labels, return_inverse=True)[1])
 
 
-def word_table(words: Any, source: Source | None, entities: Vocabulary) -> np.ndarray | None:
+def word_table(words: Any, embedder: Embedder | None, entities: Vocabulary) -> np.ndarray | None:
     """Word vectors, (E, v), float32: a table, or vectors or texts by entity (missing: zero);
     None without words.
     """
@@ -304,11 +297,8 @@ def word_table(words: Any, source: Source | None, entities: Vocabulary) -> np.nd
     with naming_argument("words"):
         by_id = {entities.id(name, ""): value for name, value in words.items()}
         texts = {row: value for row, value in by_id.items() if isinstance(value, str)}
-        by_id |= (
-            dict(zip(texts, _vectors_of(list(texts.values()), source), strict=True))
-            if texts
-            else {}
-        )
+        if texts:
+            by_id |= dict(zip(texts, _vectors_of(list(texts.values()), embedder), strict=True))
         width, vectors = None, list[np.ndarray]()
         for row, value in by_id.items():
             try:
@@ -321,20 +311,18 @@ def word_table(words: Any, source: Source | None, entities: Vocabulary) -> np.nd
     return rows
 
 
-def _vectors_of(texts: Sequence[str], source: Any) -> np.ndarray:
+def _vectors_of(texts: Sequence[str], embedder: Any) -> np.ndarray:
     """The vectors of texts, (T, v), float32."""
-    if source is None:
-        raise InputError(
-            "", "", "expected vectors: texts need the argument 'word_source', which embeds them"
-        )
-    if not callable(source):
-        expected = f"expected a function from texts to vectors, got {short(source)}"
-        raise InputError("argument 'word_source'", "", expected)
-    vectors = table(source(list(texts)), "word_source", dtype=np.float32)
+    if embedder is None:
+        expected = "expected vectors: texts need the argument 'embedder', which embeds them"
+        raise InputError("", "", expected)
+    if not callable(embedder):
+        expected = f"expected a function from texts to vectors, got {short(embedder)}"
+        raise InputError("argument 'embedder'", "", expected)
+    vectors = table(embedder(list(texts)), "embedder", dtype=np.float32)
     if len(vectors) != len(texts):
-        raise InputError(
-            "argument 'word_source'", "", f"expected {len(texts)} vectors, got {len(vectors)}"
-        )
+        expected = f"expected {len(texts)} vectors, got {len(vectors)}"
+        raise InputError("argument 'embedder'", "", expected)
     return vectors
 
 

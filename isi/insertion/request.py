@@ -14,7 +14,7 @@ from isi.errors import InputError
 from isi.graph.graph import HEAD, TAIL
 from isi.graph.vocabulary import Vocabulary
 from isi.insertion import arguments
-from isi.insertion.arguments import Source, TripleForms, table, triples_of
+from isi.insertion.arguments import Embedder, TripleForms, table, triples_of
 from isi.insertion.engine import Method, NovelEntities
 from isi.models.losses import Loss, TrainingLoss
 from isi.models.model import Model
@@ -36,7 +36,7 @@ class InsertRequest:
     #: names or ids to vectors or texts
     words: Any = None
     #: embeds the texts in ``words``: a function from a list of texts to vectors
-    word_source: Source | None = None
+    embedder: Embedder | None = None
     #: a kind for each of the E + n entities; or a mapping from names or ids to kinds. Means and
     #: priors are of known entities of a new one's kind. No kind: an empty text, None, or, in an
     #: array of numbers, -1.
@@ -199,7 +199,7 @@ def checked_request(known: KnownEmbedding, request: InsertRequest) -> Checked:
         known_relations=old,
         triples=triples,
         known_triples=known_triples,
-        words=arguments.word_table(request.words, request.word_source, names),
+        words=arguments.word_table(request.words, request.embedder, names),
         kinds=arguments.kinds_of(request.kinds, names),
         seed=request.seed,
         entity_keys=request.entity_keys,
@@ -240,8 +240,8 @@ def _confidence(values: Sequence[float] | np.ndarray | None, triples: int) -> np
     """The argument ``confidence`` as an array, (T,), float64; an ``InputError`` if it is none."""
     if values is None:
         return None
-    listed: np.ndarray = table([values], "confidence", dtype=np.float64)[0]
-    if listed.shape != (triples,) or not ((listed > 0) & (listed <= 1)).all():
+    confidence: np.ndarray = table([values], "confidence", dtype=np.float64)[0]
+    if confidence.shape != (triples,) or not ((confidence > 0) & (confidence <= 1)).all():
         expected = f"expected a number above 0, at most 1, for each of {triples} different triples"
         raise InputError("argument 'confidence'", "", expected)
-    return listed
+    return confidence

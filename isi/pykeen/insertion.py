@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated, Any
@@ -20,26 +21,14 @@ from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.graph.vocabulary import Vocabulary, names_by_id
 from isi.initializers.inverses import InverseRelations, pack
 from isi.insertion.api import insert_request
-from isi.insertion.arguments import (
-    Source,
-    listed_triples,
-    naming_argument,
-    triples_of,
-)
+from isi.insertion.arguments import Embedder, listed_triples, naming_argument, triples_of
 from isi.insertion.request import InsertRequest, KnownEmbedding
 from isi.insertion.result import Inserted
 from isi.models.losses import Loss, TrainingLoss
 from isi.models.model import Model
 from isi.models.stack import usual_torch
 from isi.pykeen import reading
-from isi.pykeen.reading import (
-    PykeenModel,
-    copied,
-    read_model,
-    stored,
-    tables_of,
-    unwrapped,
-)
+from isi.pykeen.reading import PykeenModel, copied, read_model, stored, tables_of, unwrapped
 
 #: What serves facts about entities that are known.
 FURTHER_FACTS = (
@@ -75,17 +64,17 @@ class EnlargedModel:
         """A copy of the model, made on first use, with the vectors of new entities and relations as
         last rows.
         """
-        made = self.rows.details
-        new_relations = made.relations[made.new_relations]
-        return add_rows(self._trained[0], made.vectors, new_relations, made.model)
+        details = self.rows.details
+        new_relations = details.relations[details.new_relations]
+        return add_rows(self._trained[0], details.vectors, new_relations, details.model)
 
     @cached_property
     def factory(self) -> CoreTriplesFactory:
         """A copy of the factory, made on first use, with new labels and triples."""
-        made, factory = self.rows.details, self._trained[1]
+        details, factory = self.rows.details, self._trained[1]
         known = factory.mapped_triples.numpy()
-        triples = np.concatenate([known, made.insert_triples, made.between])
-        return larger_factory(factory, triples, made.names, made.labels)
+        triples = np.concatenate([known, details.insert_triples, details.between])
+        return larger_factory(factory, triples, details.names, details.labels)
 
     @property
     def vectors(self) -> np.ndarray:
@@ -133,7 +122,7 @@ def insert(
     validation: Any = None,
     seed: int = 0,
     new_relations: int | Sequence[str] = 0,
-    word_source: Source | None = None,
+    embedder: Embedder | None = None,
     confidence: Sequence[float] | np.ndarray | None = None,
 ) -> EnlargedModel:
     """Insert new entities or relations into a copy of a trained model:
@@ -188,7 +177,59 @@ def insert(
     check(margin, Annotated[float, Field(allow_inf_nan=False)] | None, "", "argument 'margin'")  # type: ignore[arg-type]
     model, factory, triples = of_result(model, factory, triples)
     tables_of(model)
-    known_entities, known_relations = vocabularies_of(model, factory)
+    vocabularies = vocabularies_of(model, factory)
+    facts = _facts_of(model, vocabularies, triples, new, new_relations)
+    known = _known_embedding(model, factory, vocabularies, margin)
+    with naming_argument("validation"):
+        held_out = None if validation is None else labelled(validation)
+    with _suggesting(facts.near):
+        request = InsertRequest(
+            triples=facts.ids,
+            new=facts.new,
+            words=words,
+            kinds=kinds,
+            initializer=initializer,
+            options=options,
+            trained_with=trained_with or reading.loss_of(model, known.model),
+            harm=harm,
+            choose=choose,
+            validation=held_out,
+            seed=seed,
+            new_relations=new_relations,
+            embedder=embedder,
+            confidence=confidence,
+        )
+        done = insert_request(known, request, stacklevel=5)
+    for label, other in facts.near.items():
+        warnings.warn(
+            f"new entity {label!r}: did you mean {other!r}, which is known? ('new' lists new ones)",
+            stacklevel=4,
+        )
+    return EnlargedModel(done, (model, factory))
+
+
+@dataclass(frozen=True)
+class _NewFacts:
+    """Triples of new entities and relations of a model."""
+
+    ids: np.ndarray  #: shape: (T, 3)
+    new: int | Sequence[str]  #: labels of new entities, or their number
+    near: Mapping[str, str]  #: by new label that the caller did not list, a known one like it
+
+
+def _facts_of(
+    model: PykeenModel,
+    vocabularies: tuple[Vocabulary, Vocabulary],
+    triples: Any,
+    new: int | Sequence[str] | None,
+    new_relations: int | Sequence[str],
+) -> _NewFacts:
+    """The triples in ids, and the new labels in them if ``new`` is None; ``InputError`` for one
+    with nothing new.
+
+    ``vocabularies``: of known entities and relations.
+    """
+    known_entities, known_relations = vocabularies
     relations = known_relations.with_new(new_relations, "new_relations")
     has_new_relations = relations.number > known_relations.number
     if has_new_relations:
@@ -201,53 +242,42 @@ def insert(
         near = known_entities.misspelt(new)
     names = known_entities.with_new(new, "new")
     ids = triples_of(rows, "triples", names, relations)
-    _check_new(ids, names, relations, known_relations.number, factory.num_entities, near)
+    _check_new(ids, names, relations, known_relations.number, known_entities.number, near)
+    return _NewFacts(ids, new, near)
+
+
+def _known_embedding(
+    model: PykeenModel,
+    factory: CoreTriplesFactory,
+    vocabularies: tuple[Vocabulary, Vocabulary],
+    margin: float | None,
+) -> KnownEmbedding:
+    """The vectors, labels and triples of a model; packed if it has inverse relations."""
+    entities, relations = vocabularies
     embedding = read_model(model, factory.mapped_triples, margin)
     embedding = pack(embedding) if model.use_inverse_triples else embedding
-    with naming_argument("validation"):
-        held_out = None if validation is None else labelled(validation)
+    return KnownEmbedding(
+        embedding.entity[0].numpy(),
+        embedding.relation[0].numpy(),
+        embedding.model,
+        entity_names=entities.names,
+        relation_names=relations.names,
+        triples=factory.mapped_triples.numpy(),
+        numbers_are_ids=True,
+    )
+
+
+@contextmanager
+def _suggesting(near: Mapping[str, str]) -> Iterator[None]:
+    """Add to an ``InputError`` about a new entity the known label that it is near to."""
     try:
-        known_embedding = KnownEmbedding(
-            embedding.entity[0].numpy(),
-            embedding.relation[0].numpy(),
-            embedding.model,
-            entity_names=known_entities.names,
-            relation_names=known_relations.names,
-            triples=factory.mapped_triples.numpy(),
-            numbers_are_ids=True,
-        )
-        request = InsertRequest(
-            triples=ids,
-            new=new,
-            words=words,
-            kinds=kinds,
-            initializer=initializer,
-            options=options,
-            trained_with=trained_with or reading.loss_of(model, embedding.model),
-            harm=harm,
-            choose=choose,
-            validation=held_out,
-            seed=seed,
-            new_relations=new_relations,
-            word_source=word_source,
-            confidence=confidence,
-        )
-        done = insert_request(known_embedding, request, stacklevel=5)
+        yield
     except InputError as error:
-        if near and error.file.startswith("new entity"):
-            label = next((label for label in near if repr(label) in error.file), next(iter(near)))
-            raise InputError(
-                error.file,
-                error.place,
-                f"{error.message}; for {label!r}, did you mean {near[label]!r}?",
-            ) from error
-        raise
-    for label, other in near.items():
-        warnings.warn(
-            f"new entity {label!r}: did you mean {other!r}, which is known? ('new' lists new ones)",
-            stacklevel=4,
-        )
-    return EnlargedModel(done, (model, factory))
+        if not near or not error.file.startswith("new entity"):
+            raise
+        label = next((label for label in near if repr(label) in error.file), next(iter(near)))
+        hint = f"for {label!r}, did you mean {near[label]!r}?"
+        raise InputError(error.file, error.place, f"{error.message}; {hint}") from error
 
 
 def _check_new(

@@ -99,12 +99,12 @@ INSERT_CASES = [
     *wrong("words", words()[:, :1] * NAN, LARGE, place="row 0"),
     *wrong("words", {"cup": [1, NAN]}, {"cup": RAGGED}, place="'cup'"),
     *wrong("words", {"cup": [1, 2], "mug": [1]}, place="'mug'"),
-    *wrong("word_source", 3, words={"cup": "a cup"}),
+    *wrong("embedder", 3, words={"cup": "a cup"}),
     *(
         Called(
             f"a word source that gives {short(vectors)}",
-            {"words": {"cup": "a cup"}, "word_source": lambda _texts, vectors=vectors: vectors},
-            "argument 'word_source'",
+            {"words": {"cup": "a cup"}, "embedder": lambda _texts, vectors=vectors: vectors},
+            "argument 'embedder'",
         )
         for vectors in ("none", None, np.eye(2))
     ),
