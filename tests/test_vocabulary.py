@@ -86,11 +86,26 @@ def test_params_and_stages_use_the_words_of_the_field(file: str) -> None:
     }
 
 
-def test_no_two_classes_have_the_same_name() -> None:
-    trees = [ast.parse(path.read_text(encoding="utf-8")) for path in (ROOT / "isi").rglob("*.py")]
-    number = Counter(
-        node.name for tree in trees for node in ast.walk(tree) if isinstance(node, ast.ClassDef)
-    )
+def type_names(module: ast.Module) -> Iterator[str]:
+    """Names of classes, and of aliases of types at the top of a module. Type variables have one
+    letter, constants only capitals.
+    """
+    for node in ast.walk(module):
+        if isinstance(node, ast.ClassDef):
+            yield node.name
+    for node in module.body:
+        if isinstance(node, ast.Assign | ast.AnnAssign):
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            for target in targets:
+                if isinstance(target, ast.Name) and re.fullmatch("[A-Z]+[a-z][A-Za-z]*", target.id):
+                    yield target.id
+
+
+def test_no_two_classes_or_aliases_have_the_same_name() -> None:
+    """A name of a type has one meaning, in the library and in the study."""
+    paths = [path for folder in ("isi", "stages") for path in (ROOT / folder).rglob("*.py")]
+    trees = [ast.parse(path.read_text(encoding="utf-8")) for path in paths]
+    number = Counter(name for tree in trees for name in type_names(tree))
     assert not [name for name in number if number[name] > 1]
 
 

@@ -29,11 +29,13 @@ if TYPE_CHECKING:
 
 FEW = 5  #: Queries, notes and indicators in a text, unless ``--verbose``.
 LISTED = 20  #: Names of entities in a text.
-Facts = Annotated[
+FactsOption = Annotated[
     tuple[tuple[str, str, str], ...],
     Parameter(name="--fact", help="HEAD RELATION TAIL: a fact; may repeat"),
 ]
-Confidence = Annotated[float | None, Parameter(help="how far the facts are believed, up to 1")]
+ConfidenceOption = Annotated[
+    float | None, Parameter(help="how far the facts are believed, up to 1")
+]
 Verbose = Annotated[bool, Parameter(help="print all queries, notes and indicators")]
 
 
@@ -75,7 +77,7 @@ class EntityOptions:
     kind: Annotated[
         str | None, Parameter(help="default: what the facts, else the words suggest")
     ] = None
-    confidence: Confidence = None
+    confidence: ConfidenceOption = None
     new: Annotated[bool, Parameter(help="insert a name that looks like a known one")] = False
     initializer: Annotated[
         str | None, Parameter(help="default: the best for hidden known entities")
@@ -98,7 +100,7 @@ def tell(
     relation: Annotated[str | None, Parameter(help="relation of the fact")] = None,
     tail: Annotated[str | None, Parameter(help="tail of the fact")] = None,
     *,
-    fact: Facts = (),
+    fact: FactsOption = (),
     from_: Annotated[
         tuple[Path, ...], Parameter(name="--from", help="triples, scenes, ...: all their facts")
     ] = (),
@@ -162,10 +164,10 @@ def insert(
 
 
 def observe(
-    fact: Facts = (),
+    fact: FactsOption = (),
     *,
     new: Annotated[bool, Parameter(help="insert entities that are not known yet")] = False,
-    confidence: Confidence = None,
+    confidence: ConfidenceOption = None,
     change: ChangeOptions = ChangeOptions(),
 ) -> None:
     """Tell facts of entities that are known."""
@@ -191,7 +193,7 @@ def move(
 
 
 def remove(
-    entity: tuple[str, ...] = (), *, fact: Facts = (), change: ChangeOptions = ChangeOptions()
+    entity: tuple[str, ...] = (), *, fact: FactsOption = (), change: ChangeOptions = ChangeOptions()
 ) -> None:
     """Take back inserted entities with all their facts, or single facts,
     those of training included.

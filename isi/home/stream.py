@@ -62,12 +62,13 @@ def _as_queries(queries: Any) -> Any:
 
 
 Age = Annotated[timedelta, BeforeValidator(as_age)]
-Names = Annotated[list[Text], BeforeValidator(_as_names)]  #: A name, several, or ``true`` for none.
-Fact = Annotated[list[Text], Field(min_length=3, max_length=3)]
+#: A name, several, or ``true`` for none.
+JsonNames = Annotated[list[Text], BeforeValidator(_as_names)]
+JsonFact = Annotated[list[Text], Field(min_length=3, max_length=3)]
 #: None is what is asked for
-Query = Annotated[list[Text | None], Field(min_length=3, max_length=3)]
+JsonQuery = Annotated[list[Text | None], Field(min_length=3, max_length=3)]
 
-Result = Mapping[str, Any]  #: The fields of an answer.
+JsonAnswer = Mapping[str, Any]  #: The fields of an answer.
 
 
 class Request(Section):
@@ -79,7 +80,7 @@ class Request(Section):
         """The first arguments of the method, by the value of the verb's key; ``true``: none."""
         return [] if value is True else [value]
 
-    def result(self, home: Home, verb: str) -> Result:
+    def result(self, home: Home, verb: str) -> JsonAnswer:
         """Do what is asked; the fields of the answer."""
         options = dict(self)
         first = self.first(options.pop(verb))
@@ -89,16 +90,16 @@ class Request(Section):
 
 class Tell(Request, TellOptions):
     tell: list[list[Any]]
-    entities: Names = Field([])
+    entities: JsonNames = Field([])
 
 
 class Insert(Request, TellOptions):
     #: names alone, or tails by name and relation
-    insert: Annotated[dict[Text, dict[Text, Names]], BeforeValidator(_by_name)]
+    insert: Annotated[dict[Text, dict[Text, JsonNames]], BeforeValidator(_by_name)]
     facts: list[list[Any]] = Field([])
     upsert: bool = False
 
-    def result(self, home: Home, verb: str) -> Result:
+    def result(self, home: Home, verb: str) -> JsonAnswer:
         facts = [*listed_triples(self.insert), *self.facts]
         options = dict(self) | {"facts": facts}
         del options[verb]
@@ -112,7 +113,7 @@ class Observe(Request, Stamp):
 
 
 class Move(Request, Stamp):
-    move: Fact
+    move: JsonFact
     instead_of: Text | None = None
 
     def first(self, value: Any) -> Sequence[Any]:
@@ -121,8 +122,8 @@ class Move(Request, Stamp):
 
 
 class Remove(Request, Stamp):
-    remove: Names
-    facts: list[Fact] = Field([])
+    remove: JsonNames
+    facts: list[JsonFact] = Field([])
 
 
 class Undo(Request, Stamp):
@@ -131,12 +132,12 @@ class Undo(Request, Stamp):
 
 class Ask(Request):
     #: one query, or several
-    ask: Annotated[list[Query], BeforeValidator(_as_queries), Field(max_length=MOST_QUERIES)]
+    ask: Annotated[list[JsonQuery], BeforeValidator(_as_queries), Field(max_length=MOST_QUERIES)]
     top: Count = 10
     new: bool = False
     among: list[Text] | None = None
 
-    def result(self, home: Home, verb: str) -> Result:
+    def result(self, home: Home, verb: str) -> JsonAnswer:
         options = dict(self)
         results = []
         for query in options.pop(verb):
@@ -149,7 +150,7 @@ class Ask(Request):
 class Explain(Request):
     explain: Text
 
-    def result(self, home: Home, verb: str) -> Result:
+    def result(self, home: Home, verb: str) -> JsonAnswer:
         return {verb: home.explain(self.explain)}
 
 
@@ -158,7 +159,7 @@ class History(Request):
     #: facts that were not seen for so long, instead of changes
     stale: Age | None = None
 
-    def result(self, home: Home, verb: str) -> Result:
+    def result(self, home: Home, verb: str) -> JsonAnswer:
         if self.stale is not None:
             return {"stale": home.stale(self.stale)}
         return {verb: home.history}
