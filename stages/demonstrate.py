@@ -165,8 +165,8 @@ class Explored:
                 if is_tail
                 else inserted.score_tails(asking, relation)
             )[0, 0].tolist()
-            listed = self.candidates(question) | set(answers)
-            ranked[question] = sorted(listed, key=[-score for score in scores].__getitem__)
+            answered = self.candidates(question) | set(answers)
+            ranked[question] = sorted(answered, key=[-score for score in scores].__getitem__)
         return ranked
 
 
@@ -292,7 +292,7 @@ def insert_triples(points: GridPoints, root: int, fraction: float) -> dict[str, 
         alone = np.array([entity])
         drawn = sample_insert_triples(points.graph, splits, alone, root, seed, fraction)
         triples[int(entity)] = [triple for _, triple in drawn]
-    return {str(entity): listed for entity, listed in sorted(triples.items())}
+    return {str(entity): of_entity for entity, of_entity in sorted(triples.items())}
 
 
 def procrustes(

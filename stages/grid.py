@@ -31,9 +31,9 @@ InitializerList = Annotated[Names, Field(min_length=1)] | Literal["all"]  #: Of 
 FullCurves = Annotated[list[Count], EachOnce]
 
 
-def is_listed(listed: InitializerList, initializer: str) -> bool:
-    """Whether ``listed`` names the initializer or is "all"."""
-    return listed == "all" or initializer in listed
+def is_listed(names: InitializerList, initializer: str) -> bool:
+    """Whether ``names`` has the initializer or is "all"."""
+    return names == "all" or initializer in names
 
 
 class Finetuned(Section):

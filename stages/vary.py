@@ -133,13 +133,13 @@ def tasks(variant: Variant, config: VariantConfig, store: Store) -> list[Variant
         name: replace(each, finetuned=finetuned) for name, each in config.initializers.items()
     }
     trains = variant.trained or variant.changes_one_of(*LEARNED)
-    model, listed = config.training.model, list[VariantTask]()
+    model, tasks_of_stacks = config.training.model, list[VariantTask]()
     for points in store.grid(stack_height(config.compute), variant.size, variant.seeds):
         start: Models | TrainConfig = config.training
         if not trains:
             start = store.theta0(points, model), store.joint(points, model)
-        listed.append((points, start, words, inserted, variant.max_insert_triples))
-    return listed
+        tasks_of_stacks.append((points, start, words, inserted, variant.max_insert_triples))
+    return tasks_of_stacks
 
 
 def run_variant(*task: *VariantTask) -> tuple[pd.DataFrame, pd.DataFrame]:

@@ -31,8 +31,8 @@ def fit_platt(scores: Tensor, known: Tensor) -> PlattCurve:
     over the sorted scores, represent them all.
     """
     right, unknown = scores[known].double(), scores[~known].double().sort().values
-    number, every = len(unknown), -(-len(unknown) // MOST_UNKNOWN) or 1
-    unknown = unknown[every // 2 :: every]
+    number, step = len(unknown), -(-len(unknown) // MOST_UNKNOWN) or 1
+    unknown = unknown[step // 2 :: step]
     inputs = torch.cat([right, unknown])
     target = torch.full((len(inputs),), 1 / (number + 2)).double()
     target[: len(right)] = (len(right) + 1) / (len(right) + 2)

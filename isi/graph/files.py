@@ -102,7 +102,7 @@ def reader_of(file: Path) -> str:
     raise InputError(file, "", f"{expected}: {', '.join(READERS.names())}")
 
 
-def _open(name: str, file: str | Path, given: Mapping[str, Any], seed: int) -> Source:
+def _open(name: str, file: str | Path, settings: Mapping[str, Any], seed: int) -> Source:
     """The source of a file with a reader."""
     path = path_of(file)
     try:
@@ -111,11 +111,11 @@ def _open(name: str, file: str | Path, given: Mapping[str, Any], seed: int) -> S
             expected = "expected a reader of files: this one reads shipped data"
             raise InputError(f"reader {name}", "", expected)
         slot = known.path.removesuffix("_")
-        for key in {"reader", slot} & set(given):
+        for key in {"reader", slot} & set(settings):
             expected = "expected another setting: FILE or --reader gives this one"
             raise InputError("--set", key, expected)
         in_room = {} if path == Path(file) else {"room": str(file).partition("=")[0]}
-        section = {"reader": name, **known.defaults, slot: str(path), **given, **in_room}
+        section = {"reader": name, **known.defaults, slot: str(path), **settings, **in_room}
         return Source(section, str(file) if in_room else "--set", seed)
     except InputError as error:
         if error.file == str(paths.PARAMS):  # there are none

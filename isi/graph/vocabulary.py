@@ -254,9 +254,9 @@ def by_known_name(values: Mapping[str, str], known: Vocabulary) -> tuple[dict[st
 
 
 def note_of_kinds(
-    missing: Sequence[str], listed: int, without: Sequence[str], known: Vocabulary
+    missing: Sequence[str], number: int, without: Sequence[str], known: Vocabulary
 ) -> str:
-    """A sentence about listed names that match no entity, and entities without a kind;
+    """A sentence about those of ``number`` names that match no entity, and entities without a kind;
     empty if there are none.
     """
     parts = []
@@ -265,7 +265,7 @@ def note_of_kinds(
         known_meant = [name for name in meant if name is not None]
         hint = f"; did you mean {_first_of(known_meant)}?" if known_meant else ""
         parts.append(
-            f"{len(missing):,} of {listed:,} names match no entity ({_first_of(missing)}{hint})"
+            f"{len(missing):,} of {number:,} names match no entity ({_first_of(missing)}{hint})"
         )
     if without:
         number = f"{len(without):,} of {known.number:,}"

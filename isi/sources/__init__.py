@@ -85,17 +85,17 @@ def settings_of(section: object, key: str) -> tuple[Reader, dict[str, Any]]:
     """Reader and validated keyword arguments from the params at ``key``;
     InputError names the key that is wrong.
     """
-    given = dict(config.check(section, dict[str, Any], key))
-    name = config.check(given.pop("reader", None), config.Name, f"{key}.reader")
+    settings = dict(config.check(section, dict[str, Any], key))
+    name = config.check(settings.pop("reader", None), config.Name, f"{key}.reader")
     chosen = READERS.get(name, f"{key}.reader")
-    for setting, value in given.items():
+    for setting, value in settings.items():
         if isinstance(value, str) and "\0" in value:  # no path contains it
             raise InputError(
                 f"{key}.{setting}",
                 "",
                 f"expected text without a null character, got {short(value)}",
             )
-    return chosen, config.keywords(chosen.read, given, key)
+    return chosen, config.keywords(chosen.read, settings, key)
 
 
 def observed(

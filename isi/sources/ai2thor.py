@@ -268,10 +268,10 @@ def read_shares(shares: Path, categories: Path) -> pd.DataFrame:
     ``shares``: CSV ``concept,material,share``. ``categories``: CSV ``object,category``; a category
     must be a concept.
     """
-    listed = read_table(shares, ["concept", "material", "share"], ["concept", "material"])
-    wrong = ~pd.to_numeric(listed["share"], errors="coerce").between(0, 1)
-    refuse(shares, listed["share"], wrong, "expected a number from 0 to 1 as share")
-    table = listed.assign(share=listed["share"].map(float)).pivot(
+    rows = read_table(shares, ["concept", "material", "share"], ["concept", "material"])
+    wrong = ~pd.to_numeric(rows["share"], errors="coerce").between(0, 1)
+    refuse(shares, rows["share"], wrong, "expected a number from 0 to 1 as share")
+    table = rows.assign(share=rows["share"].map(float)).pivot(
         index="concept", columns="material", values="share"
     )
     mapping = read_table(categories, ["object", "category"], ["object"])

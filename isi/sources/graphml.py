@@ -51,10 +51,10 @@ def graphml(mining: Mining, path: str, names: str | None = None) -> Iterator[Obs
         if name != labels[node]:
             named.phrase_of[name] = labels[node]
             mining.counts[SHARED] += 1
-        for key, given in (("kind", named.kind_of), ("phrase", named.phrase_of)):
+        for key, by_name in (("kind", named.kind_of), ("phrase", named.phrase_of)):
             if key in attributes:
                 with at(path, f"node {cut(name)}"):
-                    given[name] = config.check(attributes[key], Label, key, "")
+                    by_name[name] = config.check(attributes[key], Label, key, "")
     for place, (head, tail, attributes) in enumerate(graph.edges(data=True), 1):
         if "rank" in attributes:
             mining.counts[PREDICTIONS] += 1

@@ -36,8 +36,8 @@ class Categories(Section):
 
     @field_validator("same_as")
     @classmethod
-    def _not_structure(cls, value: dict[str, str], given: ValidationInfo) -> dict[str, str]:
-        if both := set(value) & set(given.data.get("structure", ())):
+    def _not_structure(cls, value: dict[str, str], validation: ValidationInfo) -> dict[str, str]:
+        if both := set(value) & set(validation.data.get("structure", ())):
             raise ValueError(f"expected {min(both)!r} in structure or in same_as, not in both")
         return value
 

@@ -77,7 +77,7 @@ class Naming:
     #: gives the phrase of an entity that is not in ``phrase_of``
     words: Callable[[str], str] = phrase
     #: entities of a user's table; those that no triple has are counted in ``counts``
-    listed: Collection[str] = ()
+    of_table: Collection[str] = ()
     counts: Counter[str] = field(default_factory=Counter)
 
     def __call__(self, triples: pd.DataFrame, rooms: Collection[str]) -> pd.DataFrame:
@@ -96,7 +96,7 @@ class Naming:
         kind_of, phrase_of = _cleaned(self.kind_of), _cleaned(self.phrase_of)
         kinds = self._by_relation(triples, rooms, kind_of) | kind_of
         names = sorted({*triples["head"], *triples["tail"]})
-        if self.listed:
+        if self.of_table:
             self._count_unmatched(names)
         without = next((name for name in names if name not in kinds), None)
         if without is not None and self.strict:
@@ -115,8 +115,8 @@ class Naming:
         )
 
     def _count_unmatched(self, names: Collection[str]) -> None:
-        unmatched = sorted(set(map(clean, self.listed)).difference(names))
-        if len(unmatched) == len(self.listed):
+        unmatched = sorted(set(map(clean, self.of_table)).difference(names))
+        if len(unmatched) == len(self.of_table):
             raise InputError(
                 "entities", "", f"expected entities of the triples, got {first_of(unmatched)}"
             )
@@ -129,8 +129,8 @@ class Naming:
         """Kind by entity, from relations; InputError for two.
         Skips entities in ``kind_of`` unless ``household``.
         """
-        given = {clean(relation): ends for relation, ends in (self.kinds or {}).items()}
-        ends: Mapping[str, Ends] = HOUSEHOLD if self.household else given
+        by_relation = {clean(relation): ends for relation, ends in (self.kinds or {}).items()}
+        ends: Mapping[str, Ends] = HOUSEHOLD if self.household else by_relation
         described = () if self.household else kind_of
         slots = {
             (relation, slot, name)

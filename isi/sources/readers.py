@@ -273,9 +273,9 @@ def _header(
     """
     known, has_triples = (*required, *optional), set(TRIPLE) <= set(required)
     names = known_columns(first) if has_triples else [name.strip().lower() for name in first]
-    listed = [name for name in names if name in known]
-    is_whole = set(required) <= set(listed) and len(set(listed)) == len(listed)
-    if is_whole and (others or listed == names):
+    known_names = [name for name in names if name in known]
+    is_whole = set(required) <= set(known_names) and len(set(known_names)) == len(known_names)
+    if is_whole and (others or known_names == names):
         return names, True
     if may_lack and len(first) == len(TRIPLE) and not set(names) <= set(KNOWN):
         return list(TRIPLE), False

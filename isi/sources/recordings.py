@@ -170,22 +170,22 @@ def read_recording(
 def _packaged_scenes(path: Path, plans: Iterable[FloorPlans]) -> Iterator[Scene]:
     _, content = next(json_lines(path, MOST_BYTES_WHOLE, "JSON"), (1, b""))
     recording = parse_json(dict[str, Any], content, path)
-    for listed in plans:
-        names = listed.packaged or listed.names
-        scenes = config.check(recording.get(listed.key), list[Any], listed.key, path)
+    for plan in plans:
+        names = plan.packaged or plan.names
+        scenes = config.check(recording.get(plan.key), list[Any], plan.key, path)
         if len(scenes) != len(names):
             raise InputError(
-                path, listed.key, f"expected a list of {len(names)} scenes, got {len(scenes)}"
+                path, plan.key, f"expected a list of {len(names)} scenes, got {len(scenes)}"
             )
-        for number, (name, objects) in enumerate(zip(names, scenes, strict=True), listed.first):
-            yield Scene(name, number, listed.room, scene_objects(path, name, objects))
+        for number, (name, objects) in enumerate(zip(names, scenes, strict=True), plan.first):
+            yield Scene(name, number, plan.room, scene_objects(path, name, objects))
 
 
 def _recorded_scenes(path: Path, plans: Iterable[FloorPlans]) -> Iterator[Scene]:
     known = {
-        name: (number, listed.room)
-        for listed in plans
-        for number, name in enumerate(listed.names, listed.first)
+        name: (number, plan.room)
+        for plan in plans
+        for number, name in enumerate(plan.names, plan.first)
     }
     lines = json_lines(
         path,
@@ -268,13 +268,13 @@ def _floor_plans(items: list[str]) -> list[str]:
     for item in items:
         parts = re.fullmatch(r"([A-Za-z]\w{0,98}?)([0-9]{1,6})(?:-([0-9]{1,6}))?", item, re.ASCII)
         numbers = range(int(parts[2]), int(parts[3] or parts[2]) + 1) if parts else ()
-        listed = GROUPS.get(item) or [f"{parts[1]}{number}" for number in numbers if parts]
-        if not listed:
+        of_item = GROUPS.get(item) or [f"{parts[1]}{number}" for number in numbers if parts]
+        if not of_item:
             expected = (
                 f"expected {', '.join(GROUPS)}, a floor plan or a range such as FloorPlan1-30"
             )
             raise ValueError(f"{expected}, got {item[:80]!r}")
-        plans += listed
+        plans += of_item
     return plans
 
 

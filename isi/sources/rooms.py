@@ -23,7 +23,7 @@ def _of(kind: Any, *keys: str, default: Any = ...) -> Any:
 _Names = Annotated[
     list[Label],
     BeforeValidator(
-        lambda given: given if isinstance(given, list) else [given][: given is not None]
+        lambda value: value if isinstance(value, list) else [value][: value is not None]
     ),
 ]
 #: An object: its class goes before its name, which may be that of an instance, such as ``mug_3``.
@@ -37,7 +37,7 @@ _Object: Any = create_model(
     },
 )
 _Named = Annotated[
-    _Object, BeforeValidator(lambda given: {"name": given} if isinstance(given, str) else given)
+    _Object, BeforeValidator(lambda value: {"name": value} if isinstance(value, str) else value)
 ]
 _Room: Any = create_model(
     "Room", name=_of(Label, "name", "type", "id"), objects=(list[_Named], ...)

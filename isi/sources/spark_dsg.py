@@ -93,10 +93,10 @@ def spark_dsg(
     check_settings(Path(path), "labels", labels or {}, numbers)
     check_settings(Path(path), "rooms", rooms or {}, names_of_nodes)
 
-    def label(node: Any, given: str | None) -> str:
+    def label(node: Any, by_setting: str | None) -> str:
         of_number = label_of.get(_layer(vars(node)), {}).get(node.attributes.semantic_label, "")
         of_node = "" if NO_LABEL.fullmatch(node.attributes.name) else node.attributes.name
-        texts = (given or "", "" if UNKNOWN.fullmatch(of_number) else of_number, of_node)
+        texts = (by_setting or "", "" if UNKNOWN.fullmatch(of_number) else of_number, of_node)
         name = phrase(next(filter(None, texts), ""))
         if name and (fault := name_fault(name)):
             raise InputError(path, f"node {node.id}", fault)

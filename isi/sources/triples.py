@@ -63,9 +63,9 @@ def table(
     """
     file = Path(path)
     if file.is_dir():
-        listed = file / ENTITIES_FILE
+        beside = file / ENTITIES_FILE
         file /= TRIPLES_FILE
-        entities = entities or (str(listed) if listed.exists() else None)
+        entities = entities or (str(beside) if beside.exists() else None)
     mining.name_entities = naming(entities, kinds, household, mining.counts)
     for batch in read_batches(file, TRIPLE, [COUNT, *PLACES], headerless=mining.counts):
         rows = pd.DataFrame({**dict.fromkeys(PLACES, ""), COUNT: 1, **batch}, batch.index)
@@ -92,13 +92,13 @@ def naming(
     named = Naming(kinds, household, strict=bool(kinds) or household)
     if entities:
         columns, optional = ["entity"], ["kind", "phrase"]
-        listed = read_table(Path(entities), columns, columns, optional=optional).set_index("entity")
-        for column, given in (("kind", named.kind_of), ("phrase", named.phrase_of)):
-            if column in listed:
-                given.update(listed.loc[listed[column] != "", column])
+        table = read_table(Path(entities), columns, columns, optional=optional).set_index("entity")
+        for column, by_name in (("kind", named.kind_of), ("phrase", named.phrase_of)):
+            if column in table:
+                by_name.update(table.loc[table[column] != "", column])
         named.strict = named.strict or bool(named.kind_of)
         if counts is not None:
-            named.listed, named.counts = list(listed.index), counts
+            named.of_table, named.counts = list(table.index), counts
     return named
 
 
@@ -113,16 +113,16 @@ def published(mining: Mining) -> Iterator[Observation]:
         kind_of=dict(of_entity["kind"]), phrase_of=dict(of_entity["phrase"])
     )
     path = paths.PUBLISHED_TRIPLES
-    listed = read_table(path, [*TRIPLE, COUNT], TRIPLE)
+    rows = read_table(path, [*TRIPLE, COUNT], TRIPLE)
     for slot in ("head", "tail"):
         refuse(
             path,
-            listed[slot],
-            ~listed[slot].isin(described.index),
+            rows[slot],
+            ~rows[slot].isin(described.index),
             "expected a synset with an entity",
         )
-        listed[slot] = listed[slot].map(described["entity"])
-    yield from ((None, None, None, *row) for row in listed.itertuples(index=False, name=None))
+        rows[slot] = rows[slot].map(described["entity"])
+    yield from ((None, None, None, *row) for row in rows.itertuples(index=False, name=None))
 
 
 def published_phrases() -> pd.DataFrame:
@@ -151,16 +151,16 @@ def triples_with_ids(
             (head, rel, tail): count
             for head, rel, tail, count in shipped.itertuples(index=False, name=None)
         }
-        listed = list(
+        known = list(
             shipped_names()[["name", "entity", "phrase"]].itertuples(index=False, name=None)
         )
     else:
-        counts, listed = read_ids(Path(from_), triples or [ALL]), []
-    entity_of = {name: entity for name, entity, _ in listed}
+        counts, known = read_ids(Path(from_), triples or [ALL]), []
+    entity_of = {name: entity for name, entity, _ in known}
     mining.name_entities = named = Naming()
     # their suffixes stay
     unlisted = ((name, name, "") for head, _, tail in counts for name in (head, tail))
-    for name, entity, phrase in (*listed, *unlisted):
+    for name, entity, phrase in (*known, *unlisted):
         stem, _, suffix = name.rpartition(".")
         kind = KINDS_BY_SUFFIX.get(suffix) if stem else None
         named.kind_of.setdefault(entity, kind or ENTITY)
@@ -182,11 +182,11 @@ def shipped_names() -> pd.DataFrame:
     """Entities of the shipped graphs ``SHIPPED``:
     columns name (in ``triples.csv``), entity and phrase.
     """
-    listed = [
+    parts = [
         read_table(paths.RAW / name / "names.csv", ["name", "entity", "phrase"], ["name"])
         for name in SHIPPED
     ]
-    return pd.concat(listed).drop_duplicates()
+    return pd.concat(parts).drop_duplicates()
 
 
 def read_ids(folder: Path, files: Collection[str]) -> dict[Triple, int]:
