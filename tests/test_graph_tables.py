@@ -10,10 +10,11 @@ from hypothesis import strategies as st
 
 from isi.config import check
 from isi.errors import InputError
-from isi.graph import graph as graphs
-from isi.graph.graph import GraphTables, MinedSource, build_tables
+from isi.graph.graph import GraphTables, MinedSource, build_graph, build_tables
 from isi.tables.table import Table
+from stages import build_graph as graphs
 from stages.build_graph import Extension, GraphOf
+from stages.files import ENTITIES, TRIPLES
 
 #: (head, relation, tail, how many observations), in the order in which they were seen.
 SEEN = [
@@ -51,7 +52,7 @@ def triples_of(seen: pd.DataFrame) -> pd.DataFrame:
 
 
 def test_observations_of_a_triple_add_up() -> None:
-    assert rows(triples_of(observations()), graphs.TRIPLES) == [
+    assert rows(triples_of(observations()), TRIPLES) == [
         ("cabinet", "atLocation", "kitchen", 1, "home"),
         ("mug", "atLocation", "cabinet", 1, "home"),
         ("mug", "atLocation", "kitchen", 5, "home"),
@@ -72,7 +73,7 @@ def test_columns_with_categories_count_like_plain_ones() -> None:
 
 def test_entities_are_in_alphabetical_order_with_the_kinds_and_phrases_of_their_source() -> None:
     graph = build_tables(MinedSource("home", observations(), KINDS))
-    assert rows(graph.entities, graphs.ENTITIES) == [
+    assert rows(graph.entities, ENTITIES) == [
         ("cabinet", "object", "home", "a cabinet"),
         ("fill", "affordance", "home", "a fill"),
         ("kitchen", "room", "home", "a kitchen"),
@@ -90,7 +91,7 @@ def test_an_entity_without_a_kind_is_refused() -> None:
 
 
 def test_entity_ids_are_rows_and_relation_and_kind_ids_follow_the_alphabet() -> None:
-    graph = graphs.build_graph(KINDS, triples_of(observations()))
+    graph = build_graph(KINDS, triples_of(observations()))
     assert graph.entities == ["mug", "wood", "kitchen", "fill", "cabinet"]
     assert graph.relations == ["atLocation", "hasAffordance", "hasMaterial"]
     # triple ids are rows, too
@@ -110,17 +111,13 @@ def test_entity_ids_are_rows_and_relation_and_kind_ids_follow_the_alphabet() -> 
 def test_triples_that_are_the_same_but_for_one_slot_are_found(
     slot: int, same: list[set[int]]
 ) -> None:
-    lists = (
-        graphs.build_graph(KINDS, triples_of(observations()))
-        .same_but(slot, torch.arange(5))
-        .tolist()
-    )
+    lists = build_graph(KINDS, triples_of(observations())).same_but(slot, torch.arange(5)).tolist()
     assert [{triple for triple in triples if triple >= 0} for triples in lists] == same
 
 
 def test_a_triple_of_an_unknown_entity_is_refused() -> None:
     with pytest.raises(InputError, match="entities"):
-        graphs.build_graph(KINDS[KINDS["entity"] != "fill"], triples_of(observations()))
+        build_graph(KINDS[KINDS["entity"] != "fill"], triples_of(observations()))
 
 
 # Extended
@@ -192,11 +189,11 @@ def test_new_entities_and_their_triples_come_behind_those_of_the_graph() -> None
     pd.testing.assert_frame_equal(
         extended.entities.iloc[: len(ENTITIES)], ENTITIES, check_dtype=False
     )
-    assert rows(extended.entities.iloc[len(ENTITIES) :], graphs.ENTITIES) == [
+    assert rows(extended.entities.iloc[len(ENTITIES) :], ENTITIES) == [
         ("fan", "object", "shop", "a fan"),
         ("stove", "object", "shop", "a stove"),
     ]
-    assert rows(extended.triples, graphs.TRIPLES) == [
+    assert rows(extended.triples, TRIPLES) == [
         ("lamp", "atLocation", "kitchen", 2, "home"),  # none of the nine that the other source saw
         ("lamp", "hasMaterial", "wood", 3, "home"),
         ("fan", "atLocation", "bedroom", 4, "shop"),
