@@ -10,11 +10,19 @@ from hypothesis import strategies as st
 
 from isi.config import check
 from isi.errors import InputError
-from isi.graph.graph import GraphTables, MinedSource, build_graph, build_tables
+from isi.graph.graph import (
+    HEAD,
+    RELATION,
+    TAIL,
+    GraphTables,
+    MinedSource,
+    build_graph,
+    build_tables,
+)
 from isi.tables.table import Table
 from stages import build_graph as graphs
+from stages import files
 from stages.build_graph import Extension, GraphOf
-from stages.files import ENTITIES, TRIPLES
 
 #: (head, relation, tail, how many observations), in the order in which they were seen.
 SEEN = [
@@ -52,7 +60,7 @@ def triples_of(seen: pd.DataFrame) -> pd.DataFrame:
 
 
 def test_observations_of_a_triple_add_up() -> None:
-    assert rows(triples_of(observations()), TRIPLES) == [
+    assert rows(triples_of(observations()), files.TRIPLES) == [
         ("cabinet", "atLocation", "kitchen", 1, "home"),
         ("mug", "atLocation", "cabinet", 1, "home"),
         ("mug", "atLocation", "kitchen", 5, "home"),
@@ -73,7 +81,7 @@ def test_columns_with_categories_count_like_plain_ones() -> None:
 
 def test_entities_are_in_alphabetical_order_with_the_kinds_and_phrases_of_their_source() -> None:
     graph = build_tables(MinedSource("home", observations(), KINDS))
-    assert rows(graph.entities, ENTITIES) == [
+    assert rows(graph.entities, files.ENTITIES) == [
         ("cabinet", "object", "home", "a cabinet"),
         ("fill", "affordance", "home", "a fill"),
         ("kitchen", "room", "home", "a kitchen"),
@@ -103,9 +111,9 @@ def test_entity_ids_are_rows_and_relation_and_kind_ids_follow_the_alphabet() -> 
 @pytest.mark.parametrize(
     ("slot", "same"),
     [
-        (graphs.HEAD, [{0, 2}, {1}, {0, 2}, {3}, {4}]),
-        (graphs.TAIL, [{0}, {1, 2}, {1, 2}, {3}, {4}]),
-        (graphs.RELATION, [{0}, {1}, {2}, {3}, {4}]),
+        (HEAD, [{0, 2}, {1}, {0, 2}, {3}, {4}]),
+        (TAIL, [{0}, {1, 2}, {1, 2}, {3}, {4}]),
+        (RELATION, [{0}, {1}, {2}, {3}, {4}]),
     ],
 )
 def test_triples_that_are_the_same_but_for_one_slot_are_found(

@@ -5,7 +5,6 @@ novel (OOKB) entities and insert triples (sections 5.2, 5.3).
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -13,9 +12,6 @@ from torch import Tensor
 
 from isi.graph.graph import Graph
 from isi.random import stream
-
-if TYPE_CHECKING:
-    pass
 
 #: Split of a triple in a session; ``OUT`` where it takes no part.
 OUT, TRAIN, VALID, TEST = -1, 0, 1, 2
