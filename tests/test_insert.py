@@ -18,7 +18,6 @@ from hypothesis import strategies as st
 import isi
 from isi import config
 from isi.errors import InputError
-from isi.graph.vocabulary import Vocabulary
 from isi.initializers.api import INITIALIZERS, InitResult, Registered, initializer, without_weights
 from isi.initializers.context import InitContext
 from isi.insertion.arguments import triples_of
@@ -28,6 +27,7 @@ from isi.models.distance import RotatE
 from isi.models.losses import Loss
 from isi.random import stream
 from isi.tables import paths
+from isi.vocabulary import Vocabulary
 from tests.init_contexts import insertion
 from tests.small_embedding import (
     BETWEEN,

@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isi.errors import InputError
-from isi.graph.vocabulary import Vocabulary, ids_by_name, numbered, plurals, singulars
 from isi.home.home import Home
 from isi.names import plain
+from isi.vocabulary import Vocabulary, ids_by_name, numbered, plurals, singulars
 from tests.small_bundle import NAMES, opened, worded
 
 IN_KITCHEN = {"atLocation": "kitchen"}

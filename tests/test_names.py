@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 
 import isi
 from isi.errors import InputError
-from isi.graph.vocabulary import Vocabulary
 from isi.home.bundle import read
 from isi.names import clean, name_fault, plain
+from isi.vocabulary import Vocabulary
 from tests.observing import observe, written
 from tests.small_bundle import NAMES, home_of, small
 from tests.small_bundle import written as write_bundle

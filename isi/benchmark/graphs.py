@@ -11,9 +11,9 @@ import torch
 from isi.columns import TRIPLE
 from isi.errors import InputError, extra, suggestion
 from isi.graph.graph import Graph
-from isi.graph.vocabulary import names_by_id, numbered
 from isi.insertion.arguments import listed_triples, named_triples, naming_argument
 from isi.tables import paths
+from isi.vocabulary import names_by_id, numbered
 
 
 def graph_of(triples: Any) -> Graph:

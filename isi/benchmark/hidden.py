@@ -17,10 +17,10 @@ from isi.config import Count, Fraction, Seed, check
 from isi.errors import extra
 from isi.evaluation.filtered import end_ranks
 from isi.graph.graph import TAIL
-from isi.graph.vocabulary import Vocabulary
 from isi.insertion.arguments import naming_argument, triples_of
 from isi.models.stack import usual_torch
 from isi.random import stream
+from isi.vocabulary import Vocabulary
 
 if TYPE_CHECKING:
     from pykeen.triples import TriplesFactory

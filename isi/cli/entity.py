@@ -446,7 +446,7 @@ def _about(name: str, fact: tuple[str, str, str]) -> tuple[str, str, str]:
 
 def _from_files(home: Home, files: Sequence[Path]) -> tuple[list[list[str]], Mapping[str, str]]:
     """The facts of files, and the kinds of new names that the home has."""
-    from isi.graph.files import read_graph
+    from isi.home.files import read_graph
 
     tables, _ = read_graph(files)
     facts = tables.triples[["head", "relation", "tail"]].to_numpy().tolist()

@@ -78,7 +78,7 @@ def train(
     """
     import torch
 
-    from isi.graph.files import path_of, read_graph
+    from isi.home.files import path_of, read_graph
     from isi.home.folder import check_free, is_home
     from isi.home.train import described
 

@@ -23,9 +23,9 @@ from safetensors.numpy import load, save
 
 from isi.config import LARGEST, Name, Option, Seed
 from isi.errors import InputError, at, short
-from isi.graph.vocabulary import Vocabulary, ids_by_name
 from isi.names import check_text, name_fault
 from isi.tables.io import atomically
+from isi.vocabulary import Vocabulary, ids_by_name
 
 if TYPE_CHECKING:
     from isi.models.losses import Loss, TrainingLoss

@@ -14,7 +14,6 @@ from torch import Tensor
 
 from isi.config import check
 from isi.errors import InputError, at
-from isi.graph.vocabulary import NewName, Vocabulary, check_new
 from isi.home.answers import Curve, fit_curve
 from isi.home.bundle import Bundle, Fact
 from isi.home.changes import (
@@ -37,6 +36,7 @@ from isi.home.loaded import LoadedEmbedding
 from isi.home.phrases import SAME, phrase_vectors, with_words
 from isi.insertion.probability import Curves
 from isi.names import clean, plain
+from isi.vocabulary import NewName, Vocabulary, check_new
 
 
 class Derived:

@@ -16,11 +16,11 @@ import numpy as np
 from safetensors.numpy import load, save
 
 from isi.errors import InputError, at, short, unwritable
-from isi.graph.vocabulary import Vocabulary, ids_by_name
 from isi.home.bundle import MANIFEST, Bundle, Manifest, check_numbers
 from isi.home.changes import as_text, now
 from isi.home.database import DATABASE, Database
 from isi.tables.io import atomically
+from isi.vocabulary import Vocabulary, ids_by_name
 
 #: ``full``: a change is on the disk when it is acknowledged. ``memory``: changes stay in this
 #: process, and the folder as it is.

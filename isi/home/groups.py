@@ -13,7 +13,6 @@ import numpy as np
 import torch
 
 from isi.errors import InputError
-from isi.graph.vocabulary import ids_by_name
 from isi.home.bundle import Fact, NewEntity
 from isi.home.choices import Choice, Choices, Conditions, prepared
 from isi.home.database import Database
@@ -25,6 +24,7 @@ from isi.insertion.relations import fit_relations
 from isi.insertion.request import InsertRequest, KnownEmbedding
 from isi.insertion.result import Details
 from isi.names import plain
+from isi.vocabulary import ids_by_name
 
 NO_WORDS = PhraseVector(None, "this embedding has no word vectors", None, None)
 

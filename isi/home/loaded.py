@@ -13,11 +13,11 @@ from torch import Tensor
 from torch.nn.functional import normalize
 
 from isi.graph.graph import HEAD, RELATION, TAIL
-from isi.graph.vocabulary import Vocabulary, ids_by_name
 from isi.home.bundle import Bundle, Fact
 from isi.insertion.arguments import checked_model, stack_of_one, table
 from isi.models.model import Model
 from isi.models.stack import Embedding
+from isi.vocabulary import Vocabulary, ids_by_name
 
 #: A query fits an entity if more than this share of its indicators, by weight, have known answers.
 ENOUGH = 0.1

@@ -19,7 +19,6 @@ import torch
 from isi.columns import COUNT, TRIPLE
 from isi.config import Count, Positive, Seed, check
 from isi.errors import InputError, at
-from isi.graph.files import read_graph
 from isi.graph.graph import (
     Graph,
     GraphTables,
@@ -28,8 +27,8 @@ from isi.graph.graph import (
     build_tables,
 )
 from isi.graph.sessions import TEST, TRAIN, session_of
-from isi.graph.vocabulary import Vocabulary, by_known_name, note_of_kinds
 from isi.home.bundle import Bundle, Manifest
+from isi.home.files import read_graph
 from isi.home.folder import is_home
 from isi.home.held_out import groups_of, held_out, repeated_relations, test_measures
 from isi.home.home import Home, open_home
@@ -50,6 +49,7 @@ from isi.sources.readers import check_names, cleaned
 from isi.sources.triples import naming
 from isi.tables.rules import MOST_OBSERVED
 from isi.training.fit import TrainConfig, fit_for
+from isi.vocabulary import Vocabulary, by_known_name, note_of_kinds
 
 
 @dataclass(frozen=True)

@@ -14,10 +14,10 @@ import torch
 from isi.columns import TRIPLE, triple_columns
 from isi.config import as_list, check, is_whole
 from isi.errors import InputError, extra, short
-from isi.graph.vocabulary import Vocabulary, ids_by_name
 from isi.models.model import Model, make_model
 from isi.models.stack import Embedding, NotFinite
 from isi.tables import paths
+from isi.vocabulary import Vocabulary, ids_by_name
 
 if TYPE_CHECKING:
     import pandas as pd

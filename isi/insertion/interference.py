@@ -11,10 +11,10 @@ from torch.nn.functional import pad
 from isi.evaluation.filtered import end_queries
 from isi.evaluation.ranks import parts, scores_of, wins
 from isi.graph.graph import HEAD, TAIL
-from isi.graph.vocabulary import Vocabulary
 from isi.initializers.context import trained_session
 from isi.models.stack import Embedding
 from isi.random import stream
+from isi.vocabulary import Vocabulary
 
 
 @dataclass(frozen=True)

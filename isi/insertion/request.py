@@ -12,12 +12,12 @@ import torch
 from isi.config import NotNegative, Seed, check
 from isi.errors import InputError
 from isi.graph.graph import HEAD, TAIL
-from isi.graph.vocabulary import Vocabulary
 from isi.insertion import arguments
 from isi.insertion.arguments import Embedder, TripleForms, table, triples_of
 from isi.insertion.engine import Method, NovelEntities
 from isi.models.losses import Loss, TrainingLoss
 from isi.models.model import Model
+from isi.vocabulary import Vocabulary
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -18,7 +18,6 @@ from torch.nn.functional import normalize
 from isi.config import Count, Seed, check, is_whole, plain_number
 from isi.errors import InputError, cut, short
 from isi.graph.graph import HEAD, TAIL
-from isi.graph.vocabulary import Vocabulary
 from isi.initializers.api import FALLBACKS, InitResult
 from isi.initializers.scale import Scale
 from isi.insertion.arguments import TripleForms, ids_of, stack_of_one, triples_of
@@ -31,6 +30,7 @@ from isi.insertion.selection import Selection, named
 from isi.models.losses import loss_named
 from isi.models.model import Model
 from isi.models.stack import Embedding, usual_torch
+from isi.vocabulary import Vocabulary
 
 BUDGET = 2**24  #: Maximum number of cosines in one table.
 MOST_WEIGHTS = 2**24  #: Maximum number of elements of ``Details.weights``.

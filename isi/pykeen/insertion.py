@@ -18,7 +18,6 @@ from pykeen.triples import CoreTriplesFactory, TriplesFactory, TriplesNumericLit
 from isi.config import check, is_whole
 from isi.errors import InputError, short
 from isi.graph.graph import HEAD, RELATION, TAIL
-from isi.graph.vocabulary import Vocabulary, names_by_id
 from isi.initializers.inverses import InverseRelations, pack
 from isi.insertion.api import insert_request
 from isi.insertion.arguments import Embedder, listed_triples, naming_argument, triples_of
@@ -29,6 +28,7 @@ from isi.models.model import Model
 from isi.models.stack import usual_torch
 from isi.pykeen import reading
 from isi.pykeen.reading import PykeenModel, copied, read_model, stored, tables_of, unwrapped
+from isi.vocabulary import Vocabulary, names_by_id
 
 #: What serves facts about entities that are known.
 FURTHER_FACTS = (

@@ -10,7 +10,6 @@ from pykeen.triples import CoreTriplesFactory, TriplesFactory
 
 from isi.errors import InputError
 from isi.graph.graph import RELATION
-from isi.graph.vocabulary import by_known_name, note_of_kinds
 from isi.home.bundle import Manifest, stored_loss
 from isi.home.database import Database
 from isi.home.home import Home
@@ -21,6 +20,7 @@ from isi.models.stack import usual_torch
 from isi.names import plain
 from isi.pykeen.insertion import add_rows, larger_factory, of_result, vocabularies_of
 from isi.pykeen.reading import PykeenModel, loss_of, read_model
+from isi.vocabulary import by_known_name, note_of_kinds
 
 
 class PykeenHome(Home):

@@ -39,7 +39,7 @@ class Vocabulary:
     (``loose``). What finds such names is built when it is needed.
 
     Example:
-        >>> from isi.graph.vocabulary import Vocabulary
+        >>> from isi.vocabulary import Vocabulary
         >>> rooms = Vocabulary("entity", ["kitchen", "living room"])
         >>> rooms.id("kitchen", ""), rooms.of(1), rooms.meant("LivingRoom")
         (0, 'living room', 'living room')
@@ -336,7 +336,7 @@ def numbered(
 
     Example:
         >>> import numpy as np
-        >>> from isi.graph.vocabulary import numbered
+        >>> from isi.vocabulary import numbered
         >>> triples = np.array([("mug", "in", "kitchen"), ("cup", "in", "kitchen")], object)
         >>> ids, entities, relations = numbered(triples)
         >>> ids.tolist(), list(entities)
