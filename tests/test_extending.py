@@ -3,33 +3,55 @@
 import json
 import sys
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 import torch
+import yaml
+from matplotlib.figure import Figure
 from torch.nn.functional import normalize
 
 import isi
 from isi.__main__ import main
+from isi.cli import entity as entity_commands
 from isi.errors import InputError
 from isi.home.phrases import with_words
 from isi.initializers.api import INITIALIZERS, InitResult, Registered, options_of
 from isi.models.model import make_model
 from isi.models.stack import uniform
 from isi.sources import Source
-from tests.documented import code, params
-from tests.small_bundle import home_of, small
+from isi.tables import paths
+from stages import check_params
+from stages.report import charts, figures, page
+from stages.report.tables import registry, results
+from stages.report.tables.data import Experiment, ModelLabels
+from stages.report.tables.estimates import MEASURES
+from stages.trace_trajectory import traced
+from tests.documented import PAGE, block, code, params
+from tests.small_bundle import home_of, small, worded
 from tests.small_graphs import score_all
 from tests.small_insertion import insertion
+from tools.workspace import change_all
+
+
+@pytest.fixture
+def _report(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tables of the report that the test registers are forgotten after it."""
+    of_page, names = registry.TABLES["report"], registry.names_of("report")
+    monkeypatch.setattr(of_page, "_registered", {name: of_page.get(name) for name in names})
 
 
 @pytest.fixture
 def own(
     registries: None,  # noqa: ARG001
+    _report: None,
     monkeypatch: pytest.MonkeyPatch,
     request: pytest.FixtureRequest,
 ) -> ModuleType:
@@ -74,6 +96,48 @@ def test_an_initializer_serves_commands_and_is_explained(
         assert [(each["entity"], each["weight"]) for each in answer["indicators"]] == [
             ("kettle", 1.0)
         ]
+
+
+def example(*models: str) -> Experiment:
+    """Runs of models, and of the joint model, with two novel entities and two seeds."""
+    scopes, joint = ("known", "novel", "weighted", "known_closed"), "joint"
+    rows = [*product((*models, joint), scopes, (0, 1), (0, 1, 2))]
+    runs = pd.DataFrame(rows, columns=["model", "scope", "seed", "epoch"])
+    runs = runs[(runs["model"] != joint) | (runs["epoch"] == 0)]
+    runs = runs.assign(size=2, queries=4, **dict.fromkeys(MEASURES, 0.5))
+    labels = ModelLabels.registered()
+    experiment = Experiment("home", "home", labels, list(models), runs, None, 0.08, 9, list(models))
+    experiment.__dict__["curves"] = runs
+    return experiment
+
+
+def drawn(panel: charts.Panel) -> set[str]:
+    """The names for which a panel has values."""
+    return {value.name for value in panel.draw(Figure().subplots())}
+
+
+@pytest.mark.parametrize("own", ["own initializer"], indirect=True)
+@pytest.mark.usefixtures("own")
+def test_an_initializer_is_in_figures_by_its_label(monkeypatch: pytest.MonkeyPatch) -> None:
+    experiment = example("xavier", "nearest")
+    of_experiment: Any = SimpleNamespace(standalone=[experiment])
+    immediate: Any = results.immediate(of_experiment)
+    assert immediate["model"].tolist() == ["Xavier", "Nearest", "Joint"]
+    by_size: Any = results.immediate_by_size(of_experiment)
+    curves: Any = results.curves(of_experiment)
+    panels = [*figures.figure3a(by_size), *figures.forgetting(curves)]
+    panels += [*figures.figure3b(curves), *figures.figure4(curves)]
+    assert len(panels) == 3 + 2 + 2 + 1
+    assert all({"Xavier", "Nearest"} <= drawn(panel) for panel in panels)
+    assert traced(["mean", "nearest"]) == ["nearest"]  # figure 1
+    parts: Any = results.answer_parts(
+        SimpleNamespace(standalone=[example("xavier", "es", "nearest")])
+    )
+    assert "Nearest" in set(parts["part"])
+    monkeypatch.setitem(charts.PALETTE["models"], "Nearest", ["#123456", "-", "o"])
+    assert charts.style_of("Nearest")["color"] == "#123456"
+    monkeypatch.setitem(charts.PALETTE, "without_line", ["Nearest"])
+    assert not any("Nearest" in drawn(panel) for panel in figures.figure3a(by_size))
 
 
 @pytest.mark.parametrize("own", ["own initializer"], indirect=True)
@@ -156,6 +220,41 @@ def test_a_model() -> None:
         assert abs(float(scores[model, relation, head, tail]) - float(expected)) < 1e-5
 
 
+@pytest.mark.usefixtures("registries")
+def test_a_model_with_defaults_trains_by_the_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    of_page, with_defaults = '"transh")', '"transh", defaults={"margin": 4.0})'
+    text = code("own model")
+    assert f"`@register_model({with_defaults}`" in PAGE.read_text(encoding="utf-8")
+    assert text.count(of_page) == 1
+    module = ModuleType("own_model")
+    monkeypatch.setitem(sys.modules, module.__name__, module)
+    exec(compile(text.replace(of_page, with_defaults), "own", "exec"), module.__dict__)  # noqa: S102
+    facts = [f"thing{number},near,thing{(7 * number + 1) % 12}" for number in range(12)]
+    path = tmp_path / "facts.csv"
+    path.write_text("\n".join(["head,relation,tail", *facts]), encoding="utf-8")
+    out = tmp_path / "home"
+    main(
+        [
+            "train",
+            str(path),
+            "--model",
+            "transh",
+            "--dimension",
+            "4",
+            "--out",
+            str(out),
+            "--learning-rate",
+            "0.1",
+        ]
+    )
+    capsys.readouterr()
+    main(["ask", "thing0", "near", "--home", str(out), "--json"])
+    assert json.loads(capsys.readouterr().out)["answers"][0]["known"]
+    assert isi.open(out).base.relations.shape[1] == 8  # a normal and a translation
+
+
 @pytest.mark.parametrize("own", ["own source"], indirect=True)
 @pytest.mark.usefixtures("own")
 def test_a_source(tmp_path: Path) -> None:
@@ -176,3 +275,85 @@ def test_a_source(tmp_path: Path) -> None:
     assert source.kinds.to_numpy().tolist() == [
         [name, "thing", name] for name in ("drawer", "spoon", "table")
     ]
+
+
+@pytest.fixture
+def _page_with_items(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, _report: None
+) -> Iterator[None]:
+    """The first page lists the items that docs/extending.md adds, and figures have its function."""
+    entries = block("own table entry", "yaml") + block("own figure entry", "yaml")
+    before, below, after = page._ITEMS.read_text(encoding="utf-8").partition("\n  items:\n")
+    assert "\nreport:\n" in before
+    file = tmp_path / "items.yaml"
+    file.write_text(f"{before}{below}{entries}{after}", encoding="utf-8")
+    of_figures = dict(vars(figures))
+    exec(compile(code("own figure"), "own figure", "exec"), of_figures)  # noqa: S102
+    monkeypatch.setattr(page, "_ITEMS", file)
+    monkeypatch.setattr(figures, "query_counts", of_figures["query_counts"], raising=False)
+    page.pages.cache_clear()
+    yield
+    page.pages.cache_clear()
+
+
+@pytest.mark.parametrize("own", ["own table"], indirect=True)
+@pytest.mark.usefixtures("own", "_page_with_items")
+def test_a_table_and_a_figure_of_the_report(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reports, outputs = tmp_path / "reports", SimpleNamespace(experiments=[example("xavier")])
+    with monkeypatch.context() as patch:
+        patch.setattr(registry, "names_of", lambda _: ["query_counts"])  # others need a run
+        registry.write("report", outputs, reports / "tables")
+    names = {f"query_counts.{form}" for form in ("csv", "md", "tex")}
+    assert {path.name for path in (reports / "tables").iterdir()} == names
+    counts = pd.read_csv(reports / "tables/query_counts.csv")
+    assert counts.set_index("scope")["queries"].to_dict() == dict.fromkeys(counts["scope"], 4)
+    shown = page.write("report", reports).read_text(encoding="utf-8")
+    for text in ('id="table-query_counts"', 'id="figure-query_counts_figure"', "averaged over"):
+        assert text in shown
+    for form in ("svg", "png"):
+        assert (reports / f"figures/query_counts_figure.{form}").stat().st_size
+
+
+def test_a_sentence_of_what_is_printed_after_an_insertion(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    home = home_of(tmp_path / "home", worded(tmp_path, teapot=[0.8, 0.6, 0]))
+    command = ["tell", "teapot", "atLocation", "bedroom", "--dry-run", "--home", str(home)]
+    command += ["--initializer", "es", "--set", "k=1"]
+    main(command)
+    before = capsys.readouterr().out.splitlines()
+    text = Path(entity_commands.__file__).read_text(encoding="utf-8")
+    start, inside, rest = text.partition("def in_words(")
+    body, after, end = rest.partition("\n\n\n")
+    call = block("own sentence call", "python").rstrip("\n")
+    text = f"{start}{code('own sentence')}\n\n{inside}{body}\n{call}{after}{end}"
+    module = ModuleType(entity_commands.__name__)
+    monkeypatch.setitem(sys.modules, module.__name__, module)
+    exec(compile(text, "entity.py", "exec"), module.__dict__)  # noqa: S102
+    main(command)
+    after_it = capsys.readouterr().out.splitlines()
+    (sentence,) = set(after_it) - set(before)
+    assert sentence == "its words are 80% like those of kettle"
+    assert [line for line in after_it if line != sentence] == before
+
+
+@pytest.mark.usefixtures("registries")
+def test_params_of_all_extensions_agree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for mark in ("own initializer", "own model", "own source"):
+        module = ModuleType(mark.replace(" ", "_"))
+        monkeypatch.setitem(sys.modules, module.__name__, module)
+        exec(compile(code(mark), mark, "exec"), module.__dict__)  # noqa: S102
+    files = {paths.PARAMS: "initializer model source experiment", paths.BEYOND_PARAMS: "graph"}
+    for path, marks in files.items():
+        values = yaml.safe_load(path.read_text(encoding="utf-8"))
+        for mark in marks.split():
+            change_all(values, params(f"own {mark} params"))
+        (tmp_path / path).parent.mkdir(exist_ok=True)
+        (tmp_path / path).write_text(yaml.safe_dump(values, sort_keys=False), encoding="utf-8")
+    checked = check_params.load(tmp_path / paths.PARAMS)
+    assert "nearest" in checked.initializers_of("paper")
+    assert checked.of("notebook").training.batch_size == 128
+    beyond = check_params.load_beyond(checked, tmp_path / paths.BEYOND_PARAMS)
+    assert beyond.graphs["second_notebook"].sessions.sizes == [5]
