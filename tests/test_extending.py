@@ -28,7 +28,7 @@ from isi.models.model import make_model
 from isi.models.stack import uniform
 from isi.sources import Source
 from isi.tables import paths
-from stages import check_params
+from stages import check_params, pipeline
 from stages.report import charts, figures, page
 from stages.report.tables import registry, results
 from stages.report.tables.data import Experiment, ModelLabels
@@ -345,7 +345,7 @@ def test_params_of_all_extensions_agree(tmp_path: Path, monkeypatch: pytest.Monk
         module = ModuleType(mark.replace(" ", "_"))
         monkeypatch.setitem(sys.modules, module.__name__, module)
         exec(compile(code(mark), mark, "exec"), module.__dict__)  # noqa: S102
-    files = {paths.PARAMS: "initializer model source experiment", paths.BEYOND_PARAMS: "graph"}
+    files = {paths.PARAMS: "initializer model source experiment", pipeline.BEYOND_PARAMS: "graph"}
     for path, marks in files.items():
         values = yaml.safe_load(path.read_text(encoding="utf-8"))
         for mark in marks.split():
@@ -355,5 +355,5 @@ def test_params_of_all_extensions_agree(tmp_path: Path, monkeypatch: pytest.Monk
     checked = check_params.load(tmp_path / paths.PARAMS)
     assert "nearest" in checked.initializers_of("paper")
     assert checked.of("notebook").training.batch_size == 128
-    beyond = check_params.load_beyond(checked, tmp_path / paths.BEYOND_PARAMS)
+    beyond = check_params.load_beyond(checked, tmp_path / pipeline.BEYOND_PARAMS)
     assert beyond.graphs["second_notebook"].sessions.sizes == [5]
