@@ -108,8 +108,8 @@ def read(
     """The embedding in any form that ``HiddenSplit.evaluate`` accepts."""
     rows = getattr(model, "rows", model)  # of a result of isi.pykeen.insert
     if isinstance(rows, Inserted):
-        made = rows.details
-        return NamedEmbedding(made.embedding, made.names.ids, made.labels.ids)
+        details = rows.details
+        return NamedEmbedding(details.embedding, details.names.ids, details.labels.ids)
     if isinstance(model, str | Model):
         rows = table(entities, "entities")
         checked = checked_model(model, options, rows.shape[1])

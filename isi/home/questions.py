@@ -25,7 +25,7 @@ from isi.home.explain import Explanation, Report, explain, report
 from isi.home.groups import InsertedEntity
 from isi.home.loaded import LoadedEmbedding, Query
 from isi.insertion.arguments import naming_argument
-from isi.insertion.interference import Interference, measure
+from isi.insertion.interference import Interference, interference_of
 from isi.models.stack import usual_torch
 from isi.names import clean
 
@@ -209,7 +209,7 @@ class Questions:
         )
         chosen = [now.names.ids[name] for name in names]
         part = now.part(np.array([*range(known), *chosen])) if chosen else now
-        return measure(
+        return interference_of(
             part.embedding,
             part.names,
             part.labels,

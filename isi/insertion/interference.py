@@ -52,7 +52,7 @@ class Interference:
     changes: list[RankChange]  #: queries whose reciprocal rank falls most, the largest fall first
 
 
-def measure(
+def interference_of(
     embedding: Embedding,
     names: Vocabulary,
     labels: Vocabulary,

@@ -23,7 +23,7 @@ from isi.initializers.scale import Scale
 from isi.insertion.arguments import TripleForms, ids_of, stack_of_one, triples_of
 from isi.insertion.engine import Method, NovelEntities, train_together
 from isi.insertion.hidden import HoldOut
-from isi.insertion.interference import Interference, measure
+from isi.insertion.interference import Interference, interference_of
 from isi.insertion.probability import Curves, fit_curves
 from isi.insertion.request import Checked
 from isi.insertion.selection import Selection, named
@@ -299,51 +299,51 @@ class Inserted:
             (True, True)
         """
         epochs = check(epochs, Count, "", "argument 'epochs'")
-        made = self.details
+        details = self.details
         method = named(
-            "fold_in", {**options, "epochs": epochs}, made.model, made.checked.names.number
+            "fold_in", {**options, "epochs": epochs}, details.model, details.checked.names.number
         )
-        method = replace(method, trained_with=made.method.trained_with)
-        working = made.checked.with_rows()
+        method = replace(method, trained_with=details.method.trained_with)
+        working = details.checked.with_rows()
         novel = working.novel
-        novel.theta.entity[0, novel.known :] = torch.from_numpy(made.vectors)
-        novel.theta.relation[0] = torch.from_numpy(made.relations)
+        novel.theta.entity[0, novel.known :] = torch.from_numpy(details.vectors)
+        novel.theta.relation[0] = torch.from_numpy(details.relations)
         start = InitResult(
             novel.theta.entity[:, novel.known :].clone(), torch.zeros(1, novel.number)
         )
-        if made.computed is not None:
-            start = replace(made.computed, vectors=start.vectors)
+        if details.computed is not None:
+            start = replace(details.computed, vectors=start.vectors)
         scale = Scale(loss_named(method.trained_with))
         computed = train_together(replace(novel, scale=scale), method, start)
         vectors, relations = working.new_rows(method)
-        made = replace(made, vectors=vectors, relations=relations, computed=computed)
-        return Inserted(made, None)
+        details = replace(details, vectors=vectors, relations=relations, computed=computed)
+        return Inserted(details, None)
 
     def __repr__(self) -> str:
-        made = self.details
-        of, relation_of = made.names.of, made.labels.of
+        details = self.details
+        of, relation_of = details.names.of, details.labels.of
         lines = [
             (
-                f"{len(made.new)} new beside {made.known} known entities, "
-                f"inserted from {len(made.insert_triples)} triples"
+                f"{len(details.new)} new beside {details.known} known entities, "
+                f"inserted from {len(details.insert_triples)} triples"
             )
         ]
         for label, names, rows in (
-            ("new", of, made.new),
-            ("new relations", relation_of, made.new_relations),
+            ("new", of, details.new),
+            ("new relations", relation_of, details.new_relations),
         ):
             if rows:
                 lines.append(
                     f"{label}: {', '.join(str(names(row)) for row in rows[:10])}"
                     f"{', ...' * (len(rows) > 10)}"
                 )
-        for first in made.new[:1]:
-            ((ids, cosines),) = made.nearest(made.vectors[:1], 5)
+        for first in details.new[:1]:
+            ((ids, cosines),) = details.nearest(details.vectors[:1], 5)
             near = ", ".join(
                 f"{of(row)} {cosine:.2f}" for row, cosine in zip(ids, cosines, strict=True)
             )
             lines += [
-                f"initializer: {self.initializer}, {made.why}",
+                f"initializer: {self.initializer}, {details.why}",
                 f"nearest to {of(first)}: {near}",
             ]
         return "\n".join(cut(" ".join(line.split()), 120) for line in lines)
@@ -353,27 +353,27 @@ class Inserted:
         nearest known entities in it.
         """
         nearest = check(nearest, Seed, "", "argument 'nearest'")
-        made = self.details
-        of = made.names.of
+        details = self.details
+        of = details.names.of
         inserted, between = (
             Counter(end for head, _, tail in triples.tolist() for end in {head, tail})
-            for triples in (made.insert_triples, made.between)
+            for triples in (details.insert_triples, details.between)
         )
-        near = made.nearest(made.vectors, nearest)
-        distances, shares = made.from_cloud()
+        near = details.nearest(details.vectors, nearest)
+        distances, shares = details.from_cloud()
         return [
             Entity(
                 of(row),
                 row,
                 inserted[row],
                 between[row],
-                made.fallback[place],
-                None if made.indicators is None else list(map(of, made.indicators[place])),
+                details.fallback[place],
+                None if details.indicators is None else list(map(of, details.indicators[place])),
                 list(zip(map(of, near[place][0]), near[place][1], strict=True)),
                 distances[place],
                 shares[place],
             )
-            for place, row in enumerate(made.new)
+            for place, row in enumerate(details.new)
         ]
 
     @usual_torch()
@@ -393,9 +393,9 @@ class Inserted:
         Raises:
             InputError: names the triple without a new entity; there are too few known triples.
         """
-        made = self.details
-        ids = ids_of(triples, "triples", made.names, made.labels)
-        for row in np.flatnonzero((ids[:, [HEAD, TAIL]] < made.known).all(1))[:1].tolist():
+        details = self.details
+        ids = ids_of(triples, "triples", details.names, details.labels)
+        for row in np.flatnonzero((ids[:, [HEAD, TAIL]] < details.known).all(1))[:1].tolist():
             raise InputError(
                 "argument 'triples'",
                 f"triple {row}",
@@ -404,7 +404,7 @@ class Inserted:
         if not len(ids):
             return np.zeros(0)
         head, relation, tail = torch.from_numpy(ids).T[:, None]
-        return made.curves(made.embedding.score(head, relation, tail)[0], relation[0]).numpy()
+        return details.curves(details.embedding.score(head, relation, tail)[0], relation[0]).numpy()
 
     @usual_torch()
     def interference(
@@ -429,27 +429,26 @@ class Inserted:
                 after each insertion, with the same ``h_old``.
             show: maximum number of ``changes``.
         """
-        made = self.details
+        details = self.details
         seed = check(seed, Seed, "", "argument 'seed'")
         most = check(most, Count, "", "argument 'most'")
         show = check(show, Seed, "", "argument 'show'")
-        old = made.known if original is None else plain_number(original)
-        if not is_whole(old) or not 0 < old <= made.known:
+        old = details.known if original is None else plain_number(original)
+        if not is_whole(old) or not 0 < old <= details.known:
             expected = (
-                f"expected a number of entities from 1 to {made.known}, got {short(original)}"
+                f"expected a number of entities from 1 to {details.known}, got {short(original)}"
             )
             raise InputError("argument 'original'", "", expected)
         if triples is None:
-            queried = made.known_triples[(made.known_triples[:, [HEAD, TAIL]] < old).all(1)]
+            queried = details.known_triples[(details.known_triples[:, [HEAD, TAIL]] < old).all(1)]
         else:
-            queried = triples_of(triples, "triples", made.names, made.labels)
+            queried = triples_of(triples, "triples", details.names, details.labels)
         if not len(queried) or (queried[:, [HEAD, TAIL]] >= old).any():
             raise InputError(
                 "argument 'triples'",
                 "",
                 "expected triples of known entities, which give the queries",
             )
-        true = made.insert_triples, made.known_triples
-        return measure(
-            made.embedding, made.names, made.labels, queried, true, old, most, seed, show
-        )
+        true = details.insert_triples, details.known_triples
+        names = details.names, details.labels
+        return interference_of(details.embedding, *names, queried, true, old, most, seed, show)

@@ -15,7 +15,8 @@ from isi.home.database import Database
 from isi.home.home import Home
 from isi.home.loaded import LoadedEmbedding
 from isi.initializers.inverses import pack
-from isi.models.model import name_of, stored_options
+from isi.models.losses import Loss, TrainingLoss
+from isi.models.model import Model, name_of, stored_options
 from isi.models.stack import usual_torch
 from isi.names import plain
 from isi.pykeen.insertion import add_rows, larger_factory, of_result, vocabularies_of
@@ -116,23 +117,15 @@ def from_pykeen(
         raise InputError("argument 'factory'", "", "expected a triples factory with labels")
     read = read_model(model, known.mapped_triples, margin)
     read = pack(read) if model.use_inverse_triples else read
-    # as a folder can hold it
-    name = name_of(read.model) if getattr(read.model, "margin", 1.0) > 0 else None
-    options: dict[str, Any] = stored_options(read.model) if name else {}
-    manifest = Manifest(
-        model_name=name or "pykeen",
-        model_options=options,
-        words=None,
-        trained_with=stored_loss(loss_of(model, read.model)),
-        made={},
-    )
+    can_be_stored = getattr(read.model, "margin", 1.0) > 0
+    name = name_of(read.model) if can_be_stored else None
     triples = np.unique(known.mapped_triples.numpy(), axis=0)
     kind_of, missing = by_known_name(kinds or {}, names)
     without = [label for label in entities if kinds and label not in kind_of]
     if note := note_of_kinds(missing, len(kinds or {}), without, names):
         warnings.warn(f"kinds: {note}", stacklevel=3)
     loaded = LoadedEmbedding(
-        manifest,
+        _manifest(read.model, name, loss_of(model, read.model)),
         read.entity[0].numpy(),
         read.relation[0].numpy(),
         entities,
@@ -143,3 +136,15 @@ def from_pykeen(
         scoring=None if name else read.model,
     )
     return PykeenHome(loaded, model, known)
+
+
+def _manifest(model: Model, name: str | None, loss: Loss | TrainingLoss | None) -> Manifest:
+    """What a folder says of a model; ``name``: None if a folder cannot hold it."""
+    options: dict[str, Any] = stored_options(model) if name else {}
+    return Manifest(
+        model_name=name or "pykeen",
+        model_options=options,
+        words=None,
+        trained_with=stored_loss(loss),
+        made={},
+    )
