@@ -25,7 +25,7 @@ from isi.insertion.request import InsertRequest, KnownEmbedding
 from isi.insertion.result import Inserted
 from isi.models.losses import Loss, TrainingLoss
 from isi.models.model import Model
-from isi.models.stack import usual_torch
+from isi.models.stack import Embedding, usual_torch
 from isi.pykeen import reading
 from isi.pykeen.reading import PykeenModel, copied, read_model, stored, tables_of, unwrapped
 from isi.vocabulary import Vocabulary, names_by_id
@@ -179,7 +179,9 @@ def insert(
     tables_of(model)
     vocabularies = vocabularies_of(model, factory)
     facts = _facts_of(model, vocabularies, triples, new, new_relations)
-    known = _known_embedding(model, factory, vocabularies, margin)
+    embedding = read_model(model, factory.mapped_triples, margin)
+    embedding = pack(embedding) if model.use_inverse_triples else embedding
+    known = _known_embedding(embedding, factory, vocabularies)
     with naming_argument("validation"):
         held_out = None if validation is None else labelled(validation)
     with _suggesting(facts.near):
@@ -190,7 +192,7 @@ def insert(
             kinds=kinds,
             initializer=initializer,
             options=options,
-            trained_with=trained_with or reading.loss_of(model, known.model),
+            trained_with=trained_with or reading.loss_of(model, embedding.model),
             harm=harm,
             choose=choose,
             validation=held_out,
@@ -247,15 +249,10 @@ def _facts_of(
 
 
 def _known_embedding(
-    model: PykeenModel,
-    factory: CoreTriplesFactory,
-    vocabularies: tuple[Vocabulary, Vocabulary],
-    margin: float | None,
+    embedding: Embedding, factory: CoreTriplesFactory, vocabularies: tuple[Vocabulary, Vocabulary]
 ) -> KnownEmbedding:
-    """The vectors, labels and triples of a model; packed if it has inverse relations."""
+    """The vectors of a model, with the labels and triples of its factory."""
     entities, relations = vocabularies
-    embedding = read_model(model, factory.mapped_triples, margin)
-    embedding = pack(embedding) if model.use_inverse_triples else embedding
     return KnownEmbedding(
         embedding.entity[0].numpy(),
         embedding.relation[0].numpy(),
