@@ -1,7 +1,5 @@
 """Check all params, for `make`: DVC reads only the keys that its stages name."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -41,18 +39,18 @@ S = TypeVar("S", bound=Section)
 MOST_SETTINGS = 13
 
 
-def is_extended_if_added(entry: ExperimentOf) -> bool:
+def is_extended_if_added(entry: "ExperimentOf") -> bool:
     """Whether novel entities are those of an extension exactly if the graph has one."""
     return (entry.sessions.novel == "added") == (entry.graph.extend is not None)
 
 
-def has_enough_candidates(entry: ExperimentOf) -> bool:
+def has_enough_candidates(entry: "ExperimentOf") -> bool:
     """Whether an extension has candidates for the largest novel set."""
     extend = entry.graph.extend
     return extend is None or max(entry.sessions.sizes) <= extend.candidates
 
 
-def curves_are_of_its_sizes(entry: ExperimentOf) -> bool:
+def curves_are_of_its_sizes(entry: "ExperimentOf") -> bool:
     """Whether the sizes of the learning curves are among those of the sessions."""
     return set(entry.full_curves) <= set(entry.sessions.sizes)
 
