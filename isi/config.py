@@ -100,11 +100,6 @@ class Study(Section):
 
     experiments: Names
 
-    @property
-    def experiment(self) -> str | None:
-        """The first experiment of the list; None if the list is empty."""
-        return self.experiments[0] if self.experiments else None
-
 
 def read(path: Path) -> dict[str, Any]:
     """Read a YAML file that holds a mapping; InputError where it is

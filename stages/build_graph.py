@@ -129,17 +129,15 @@ def sample_candidates(
     return sorted([*settings.always, *(others[place] for place in drawn)])
 
 
-def extend(home: GraphTables, seen: MinedSource, added: Collection[str]) -> GraphTables:
-    """``home`` with the entities ``added``, and with the triples of ``seen`` from them to
+def extend(graph: GraphTables, seen: MinedSource, added: Collection[str]) -> GraphTables:
+    """``graph`` with the entities ``added``, and with the triples of ``seen`` from them to
     entities of the new graph.
     """
-    import pandas as pd
-
-    joined, observed = {*home.entities["entity"], *added}, seen.observations
+    joined, observed = {*graph.entities["entity"], *added}, seen.observations
     of_added = observed[observed["head"].isin(added) & observed["tail"].isin(joined)]
     more = build_tables(replace(seen, observations=of_added))
-    new = more.entities[~more.entities["entity"].isin(home.entities["entity"])]
-    blocks = (home.entities, new), (home.triples, more.triples)
+    new = more.entities[~more.entities["entity"].isin(graph.entities["entity"])]
+    blocks = (graph.entities, new), (graph.triples, more.triples)
     return GraphTables(
         *(pd.concat([as_text(old), rows[list(old)]], ignore_index=True) for old, rows in blocks)
     )

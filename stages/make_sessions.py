@@ -89,8 +89,6 @@ def published_split(
     """The split of the paper's authors; triples that are not among theirs, those of another source,
     are split at random with the given shares; (T,), int8.
     """
-    import pandas as pd
-
     phrases = pd.read_csv(paths.PUBLISHED_PHRASES, dtype=str, keep_default_na=False)
     folds = pd.read_csv(PUBLISHED_FOLDS, dtype=str, keep_default_na=False)
     names = phrases.set_index("synset")["entity"]
@@ -166,8 +164,6 @@ def session_tables(
     """Draw a graph's tables; InputError if params do not fit.
     Triples of added, not novel entities have no split.
     """
-    import pandas as pd
-
     if not len(graph.triples):
         raise InputError(paths.PARAMS, key, "expected a graph with triples")
     added = np.flatnonzero(entities["source"].astype(str) != str(entities["source"].iloc[0]))

@@ -54,7 +54,7 @@ ForkingPickler.register(Tensor, lambda tensor: (torch.from_numpy, (tensor.numpy(
 
 
 class PointsLike(Protocol):
-    """What a task computes, a data class: models, one for each seed."""
+    """The models that a task computes, a data class: one for each seed."""
 
     __dataclass_fields__: ClassVar[dict[str, Any]]
 

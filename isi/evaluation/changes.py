@@ -69,7 +69,7 @@ def changed_query_sets(session: Session, novel: Tensor, inserted: Tensor) -> dic
 
 
 def change_rows(measured: pd.DataFrame) -> pd.DataFrame:
-    """Rows of ``MEASURE_CHANGES``, with the columns change, scope and value in place of the
+    """Rows by change of the measure, with the columns change, scope and value in place of the
     measures, from measures of the scopes and of ``changed_query_sets``.
     """
     import pandas as pd

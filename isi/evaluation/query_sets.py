@@ -108,7 +108,8 @@ def epochs_to_convergence(
     """The first epoch at which both groups of each run are within the margin of the joint model,
     of the same size and seed.
 
-    Both tables: rows of ``RUNS``, from epoch 0; columns ``by`` distinguish runs of one grid point.
+    Both tables: measures by size, seed, epoch and scope, from epoch 0; columns ``by`` distinguish
+    runs of one grid point. ``ConvergenceWatch`` stops training by the same rule.
     Runs that do not converge have ``max_epochs``; a group without queries decides nothing. Columns:
     ``by``, size, seed, epochs, converged.
     """

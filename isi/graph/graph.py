@@ -1,6 +1,4 @@
-"""The knowledge graph of an experiment, counted from the observations of its sources
-and extended (section 6.3).
-"""
+"""A knowledge graph by names, as tables, and by ids, as tensors."""
 
 from __future__ import annotations
 
@@ -95,8 +93,8 @@ def _ids(triples: pd.DataFrame, column: str, names: list[str], path: Path | str)
 
 @dataclass(frozen=True)
 class MinedSource:
-    """The observations of a source (``OBSERVATIONS``) and its entities
-    with their kinds (``KINDS``).
+    """The observations of a source (columns ``isi.sources.OBSERVED``), and its entities with kind
+    and phrase.
     """
 
     source: str
@@ -107,7 +105,7 @@ class MinedSource:
 
 @dataclass(frozen=True)
 class GraphTables:
-    """A graph as tables: ``ENTITIES`` and ``TRIPLES``."""
+    """A graph as tables: entities with kind, source and phrase; unique triples with counts."""
 
     entities: pd.DataFrame
     triples: pd.DataFrame

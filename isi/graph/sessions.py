@@ -1,5 +1,5 @@
-"""Sessions of incremental learning: splits, folds,
-novel (OOKB) entities and insert triples (sections 5.2, 5.3).
+"""Learning sessions, that is, which entities and triples take part, and random splits
+(sections 5.2, 5.3).
 """
 
 from __future__ import annotations

@@ -1,6 +1,4 @@
-"""Queries to a bundle: scores, known answers, candidates, nearest entities,
-and lookup of typed names.
-"""
+"""Queries to a bundle: scores, known answers, candidates, nearest entities."""
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace

@@ -148,12 +148,6 @@ def insert_request(known: KnownEmbedding, request: InsertRequest, stacklevel: in
     return Inserted(details, selection)
 
 
-@usual_torch()
-def choose(known: KnownEmbedding, request: InsertRequest) -> Method:
-    """The initializer of a request, as ``insert_request`` would select it."""
-    return _method(checked_request(known, request), request)[0]
-
-
 def _method(checked: Checked, request: InsertRequest) -> tuple[Method, HoldOut, Selection | None]:
     """The initializer of a request, the hold-out test of the embedding, and the selection if there
     was one.

@@ -76,13 +76,6 @@ class BlockModel(ConstrainedModel):
             torch.cat([sign / scalars.abs().clamp(min=CLAMP), x / norm, -y / norm], -1), vectors
         )
 
-    def magnitudes(self, relation: Tensor) -> dict[str, Tensor]:
-        """|r| of scalars and sqrt(x² + y²) of blocks of relations, (..., w);
-        shapes (..., scalars), (..., blocks).
-        """
-        scalars, x, y = self.parts(self.maps(relation))
-        return {"scalars": scalars.abs(), "blocks": torch.hypot(x, y)}
-
     def map(self, entity: Tensor, relation: Tensor, triples: Triples) -> tuple[Tensor, Backward]:
         straight, crossed = (
             triples.relations(factor) for factor in self._factors(self.maps(relation))

@@ -81,7 +81,7 @@ class Naming:
     counts: Counter[str] = field(default_factory=Counter)
 
     def __call__(self, triples: pd.DataFrame, rooms: Collection[str]) -> pd.DataFrame:
-        """Entities (``KINDS``) of unique triples, sorted;
+        """Entities of unique triples, with kind and phrase, sorted;
         InputError for an unknown relation, two kinds or none.
         """
         relations = set(triples["relation"])

@@ -1,6 +1,4 @@
-"""Tables and tensor files of the pipeline:
-each is declared once, in the module of the feature that writes it.
-"""
+"""Declarations of the tables and tensor files of a pipeline, which read and write them."""
 
 from __future__ import annotations
 
