@@ -29,12 +29,14 @@ from isi.models.stack import uniform
 from isi.sources import Source
 from isi.tables import paths
 from stages import check_params, pipeline
+from stages.files import TRIPLES
 from stages.report import charts, figures, page
 from stages.report.tables import registry, results
 from stages.report.tables.data import Experiment, ModelLabels
 from stages.report.tables.estimates import MEASURES
 from stages.trace_trajectory import traced
-from tests.documented import PAGE, block, code, params
+from tests.documented import DOCS, PAGE, block, code, params
+from tests.imports import PLUMBING, imported
 from tests.small_bundle import home_of, small, worded
 from tests.small_graphs import score_all
 from tests.small_insertion import insertion
@@ -314,6 +316,30 @@ def test_a_table_and_a_figure_of_the_report(
         assert text in shown
     for form in ("svg", "png"):
         assert (reports / f"figures/query_counts_figure.{form}").stat().st_size
+
+
+@pytest.mark.parametrize("own", ["own stage"], indirect=True)
+def test_a_stage(own: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    entry = block("own stage dvc", "yaml")
+    (tmp_path / "dvc.yaml").write_text(entry, encoding="utf-8")
+    (tmp_path / "params.yaml").write_text("experiments: {home: {}}\n", encoding="utf-8")
+    (tmp_path / "stage.py").write_text(code("own stage"), encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    columns = {"head": ["mug", "cup"], "relation": "in", "tail": "bowl", "count": 2, "source": "x"}
+    TRIPLES.write(pd.DataFrame(columns), "test", experiment="home")
+    (stage,) = yaml.safe_load(entry)["stages"].values()
+    command = stage["cmd"].replace("${item.experiment}", "home").split()
+    monkeypatch.setattr(sys, "argv", command[3:])
+    assert command[:3] == ["exec", "python", "-m"]
+    getattr(own, command[3].removeprefix("stages."))()
+    (output,) = (out.replace("${item.experiment}", "home") for out in stage["outs"])
+    counts = pd.read_parquet(output).set_index("entity")["triples"]
+    assert counts.to_dict() == {"bowl": 2, "cup": 1, "mug": 1}
+    imported_files = {f"{name.replace('.', '/')}.py" for name in imported(tmp_path / "stage.py")}
+    plumbing = {str(path) for path in PLUMBING}
+    for file in imported_files - plumbing:
+        if (DOCS.parent / file).exists():
+            assert any(file.startswith(dep) for dep in stage["deps"]), file
 
 
 def test_a_sentence_of_what_is_printed_after_an_insertion(
