@@ -184,8 +184,8 @@ def check_params(params: Params) -> None:
         raise InputError(
             "", "initializers.joint", "expected another name: joint is the joint model"
         )
-    for key, listed, known in _listed_names(params):
-        check_names(listed, known, key)
+    for key, names, known in _listed_names(params):
+        check_names(names, known, key)
     for name in params.experiments:
         params.of(name)
     for name, study in params.studies.items():

@@ -28,12 +28,12 @@ def graph_of(triples: Any) -> Graph:
             return named(triples)
         if hasattr(triples, "mapped_triples"):
             return _of_factory(triples)
-        listed = listed_triples(triples)
-        if not isinstance(listed, np.ndarray) or listed.dtype.kind not in "iu":
-            listed = named_triples(listed)
-        if listed.ndim != 2 or listed.shape[1] != len(TRIPLE) or not len(listed):
+        rows = listed_triples(triples)
+        if not isinstance(rows, np.ndarray) or rows.dtype.kind not in "iu":
+            rows = named_triples(rows)
+        if rows.ndim != 2 or rows.shape[1] != len(TRIPLE) or not len(rows):
             raise InputError("", "", "expected triples: head, relation and tail")
-    return each_once(listed)
+    return each_once(rows)
 
 
 def each_once(triples: np.ndarray) -> Graph:

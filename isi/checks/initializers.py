@@ -86,9 +86,9 @@ def check_initializer(
     """
     registered = _registered(initializer)
     name = f"initializer {registered.name!r}"
-    given = {**registered.defaults, **(options or {})}
+    with_defaults = {**registered.defaults, **(options or {})}
     with at(name):
-        checked = keywords(registered.function, given, "options")
+        checked = keywords(registered.function, with_defaults, "options")
     subject = CheckedInitializer(registered, checked, sample_context(DistMult()))
     return run_checks(name, CHECKS, subject)
 
@@ -101,10 +101,10 @@ def _registered(initializer: Any) -> Registered:
     if not callable(initializer):
         expected = "expected a name, a function or its registration"
         raise InputError("argument 'initializer'", "", f"{expected}, got {short(initializer)}")
-    every = [INITIALIZERS.get(name) for name in INITIALIZERS.names()]
-    listed = (each for each in every if each.function is initializer)
+    initializers = [INITIALIZERS.get(name) for name in INITIALIZERS.names()]
+    registered = (each for each in initializers if each.function is initializer)
     name = getattr(initializer, "__name__", "").strip("<>")
-    return next(listed, None) or Registered(name, initializer, name)
+    return next(registered, None) or Registered(name, initializer, name)
 
 
 def result_has_its_shapes(subject: CheckedInitializer) -> Iterator[str]:
@@ -162,8 +162,8 @@ def kinds_may_be_used_or_missing(subject: CheckedInitializer) -> Iterator[str]:
     """It works where indicators are of the new entity's kind, and where kinds are missing."""
     context = replace(subject.context, by_kind=True)
     missing = replace(context, kinds=torch.full_like(context.kinds, -1))
-    for given in (context, missing):
-        subject(given)
+    for each in (context, missing):
+        subject(each)
     yield from ()
 
 

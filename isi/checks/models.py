@@ -213,8 +213,8 @@ def _forms(theta: Embedding) -> dict[str, Triples]:
     models, entities = theta.entity.shape[:2]
     ids = (part.flatten() for part in _all_ids(models, entities))
     model = torch.arange(models).repeat_interleave(RELATIONS * entities**2)
-    listed = TripleList((models, RELATIONS, entities), model, *ids)
-    return {"tables": DenseTriples.of(theta.entity, theta.relation), "lists": listed}
+    triples = TripleList((models, RELATIONS, entities), model, *ids)
+    return {"tables": DenseTriples.of(theta.entity, theta.relation), "lists": triples}
 
 
 def _scores(theta: Embedding) -> dict[str, Tensor]:

@@ -12,13 +12,13 @@ def refuse_inputs(outputs: Iterable[Path], inputs: Iterable[Path]) -> None:
 
     Of an output folder, all its files count.
     """
-    read = [given for given in inputs if os.path.exists(given)]  # noqa: PTH110  # of any text
+    read = [each for each in inputs if os.path.exists(each)]  # noqa: PTH110  # of any text
     for output in outputs:
         for file in sorted(output.iterdir()) if output.is_dir() else [output]:
-            for given in read if file.is_file() else ():
+            for each in read if file.is_file() else ():
                 folders = [*file.absolute().parents, *file.resolve().parents]
-                places = folders if given.is_dir() else [file]
-                if any(map(given.samefile, places)):
+                places = folders if each.is_dir() else [file]
+                if any(map(each.samefile, places)):
                     raise InputError(file, "", "is read by this command: choose another output")
 
 

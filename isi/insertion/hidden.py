@@ -238,13 +238,13 @@ class HoldOut:
         inserted, about, earlier = list[list[int]](), list[list[int]](), list[list[int]]()
         for draw, hidden in enumerate(novel):
             hidden[:] = hidden[np.argsort(-degree[hidden], kind="stable")]
-            given = np.sort(np.resize(rng.permutation(self.numbers), together))[::-1]
+            facts = np.sort(np.resize(rng.permutation(self.numbers), together))[::-1]
             touching = np.isin(ends, hidden).sum(1)
             held_out = list[tuple[int, int]]()
             for place, entity in enumerate(hidden):
                 alone = (ends == entity).any(1) & (touching == 1)
                 of_entity = rng.permutation(np.flatnonzero(alone))
-                count = min(given[place], len(of_entity) - -(-len(of_entity) // KEPT_BACK))
+                count = min(facts[place], len(of_entity) - -(-len(of_entity) // KEPT_BACK))
                 inserted += [[draw, place, triple] for triple in np.sort(of_entity[:count])]
                 held_out += enumerate(of_entity[count:].tolist())
             held_out.sort(key=itemgetter(0))  # the first of each entity, ...

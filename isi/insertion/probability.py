@@ -78,18 +78,18 @@ def answers(draws: HiddenDraws, vectors: Tensor) -> tuple[Tensor, Tensor, Tensor
     about, context, theta = draws.about, draws.context, draws.theta(vectors)
     # 0: the answer is a head; 1: tail
     slot, model, place = about.counted.expand(2, -1, -1).nonzero(as_tuple=True)
-    given, relation = (
+    other_end, relation = (
         about.answers.flip(0)[slot, model, place],
         about.triples[model, place, RELATION],
     )
     hidden = membership(context.novel, theta.entity.shape[1])[model]
-    query, answer = (hidden != hidden.gather(1, given[:, None])).nonzero(as_tuple=True)
-    ends = torch.stack([answer, given[query]])
+    query, answer = (hidden != hidden.gather(1, other_end[:, None])).nonzero(as_tuple=True)
+    ends = torch.stack([answer, other_end[query]])
     head, tail = torch.where(slot[query] == 0, ends, ends.flip(0))
     key = keys(context, model[query], head, relation[query], tail)
-    listed = torch.from_numpy(np.unique(key.numpy(), return_index=True)[1])
-    listed = listed[~torch.isin(key[listed], keys_of_inserted(context))]
-    query, answer = query[listed], answer[listed]
+    first = torch.from_numpy(np.unique(key.numpy(), return_index=True)[1])
+    first = first[~torch.isin(key[first], keys_of_inserted(context))]
+    query, answer = query[first], answer[first]
     where = slot[query], model[query], place[query], answer
     return about.scores(theta, theta.entity)[where], about.right[where], relation[query]
 

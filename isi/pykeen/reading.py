@@ -336,10 +336,10 @@ def _without_margin() -> Iterator[Model]:
     for name, squared in product(MODELS.names(), (False, True)):
         kind: Any = MODELS.get(name)
         options = {"margin": 0.0, "squared": squared}
-        listed = {option.name: options.get(option.name) for option in fields(kind)}
-        given = {option: value for option, value in listed.items() if value is not None}
+        values = {option.name: options.get(option.name) for option in fields(kind)}
+        known = {option: value for option, value in values.items() if value is not None}
         with suppress(TypeError):  # of an option without a default
-            yield kind(**{**kind.defaults, **given})
+            yield kind(**{**kind.defaults, **known})
 
 
 def table_rows(model: Model, relations: Tensor) -> Tensor:
