@@ -268,8 +268,8 @@ def note_of_kinds(
             f"{len(missing):,} of {number:,} names match no entity ({_first_of(missing)}{hint})"
         )
     if without:
-        number = f"{len(without):,} of {known.number:,}"
-        parts.append(f"{number} entities have no kind ({_first_of(without)})")
+        share = f"{len(without):,} of {known.number:,}"
+        parts.append(f"{share} entities have no kind ({_first_of(without)})")
     return "; ".join(parts)
 
 

@@ -233,7 +233,7 @@ def history(
         return
     with home_in(folder) as home:
         changes = home.history
-    rows = [
+    rows_of_changes: list[dict[str, Any]] = [
         {
             "change": f"{each.verb}{' (undone)' * each.undone}",
             "inserted": each.inserted,
@@ -246,7 +246,7 @@ def history(
         }
         for each in changes
     ]
-    show({"changes": rows}, json)
+    show({"changes": rows_of_changes}, json)
 
 
 def ask(
