@@ -7,7 +7,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from isi.cli import NewFolder, Settings, flags, settings
-from isi.cli.output import refuse_inputs
+from isi.cli.overwriting import refuse_inputs
 from isi.config import Option
 from isi.errors import InputError
 from isi.home.bundle import MANIFEST, Bundle, read

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from isi.cli import FROM_ONE, FROM_ZERO, HOME, NewFolder, Settings, flags, lines, settings, show
-from isi.cli.output import paths_in, refuse_inputs
+from isi.cli.overwriting import paths_in, refuse_inputs
 from isi.errors import InputError
 
 if TYPE_CHECKING:

@@ -150,7 +150,8 @@ def insert_request(known: KnownEmbedding, request: InsertRequest, stacklevel: in
 
 def _method(checked: Checked, request: InsertRequest) -> tuple[Method, HoldOut, Selection | None]:
     """The initializer of a request, the hold-out test of the embedding, and the selection if there
-    was one.
+    was one. Without a selection the test still serves: the scale of scores is fitted on it, and
+    probabilities are, where a caller asks for them.
     """
     novel, model = checked.novel, checked.model
     options = options_by_name(request.options, "options")

@@ -83,7 +83,7 @@ class Method:
     trained_with: Loss | TrainingLoss = "logistic"  #: the loss that the embedding was trained with
 
     def start(self, model: Model) -> Method:
-        """What gives the vectors from which training starts; itself if it trains none."""
+        """The method of the vectors from which training starts; this method if it does not train."""
         option = self.initializer.starts_from
         if option is None:
             return self

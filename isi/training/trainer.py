@@ -275,7 +275,8 @@ class Target:
 
 
 class ConvergenceWatch:
-    """Measures each embedding at every epoch; stops it once it has converged.
+    """Measures each embedding at every epoch; stops it once it has converged, by the rule of
+    ``isi.evaluation.query_sets.epochs_to_convergence``.
 
     Args:
         query_sets: what is measured, in mappings whose query sets share their triples.

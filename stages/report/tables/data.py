@@ -183,7 +183,7 @@ class Runs:
         return means.reindex(self.rows).dropna(subset="mean")
 
     def by_run(self, scope: str, measure: str = "mrr") -> pd.DataFrame:
-        """The same by size and seed (rows) and model (columns)."""
+        """Means of a measure in a scope, in points, by size and seed (rows) and model (columns)."""
         rows, measure = self._measured(scope, measure)
         return 100 * cells_of(rows, self.rows, scope, measure)
 

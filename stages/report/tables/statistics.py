@@ -57,7 +57,7 @@ class Statistics:
         return jackknife(100 * (self._mean(model) / self._mean(BASELINE) - 1))
 
     def gain_by_size(self, model: str) -> Estimate:
-        """The same for each size, then the mean over sizes."""
+        """Per cent by which the mean of each size exceeds Xavier's, then the mean over sizes."""
         ratios = self._by_size(model) / self._by_size(BASELINE)
         return jackknife(100 * (_over_sizes(ratios) - 1))
 

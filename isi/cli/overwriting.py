@@ -1,4 +1,4 @@
-"""The files that a user names as outputs of a command: none destroys an input."""
+"""No output of a command may overwrite one of its inputs."""
 
 import os
 from collections.abc import Iterable, Mapping
