@@ -83,7 +83,7 @@ class Method:
     trained_with: Loss | TrainingLoss = "logistic"  #: the loss that the embedding was trained with
 
     def start(self, model: Model) -> Method:
-        """The method of the vectors from which training starts; this method if it does not train."""
+        """The method of the vectors from which training starts; itself without training."""
         option = self.initializer.starts_from
         if option is None:
             return self

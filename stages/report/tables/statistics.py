@@ -32,7 +32,7 @@ class Statistics:
 
     @cached_property
     def ended(self) -> "Statistics":
-        """The same of the runs that end alone, the second form of a mean of epochs."""
+        """These statistics of the runs that converge alone: the second form of a mean of epochs."""
         return Statistics(self.immediate, self.epochs[self.epochs["converged"]])
 
     def weighted(self, model: str) -> Estimate:
@@ -40,7 +40,7 @@ class Statistics:
         return jackknife(self._mean(model))
 
     def by_papers_share(self, model: str) -> Estimate:
-        """The same with the share of the known that the paper's own values have."""
+        """The mean over both groups, by the share of the known in the paper's own values."""
         known, novel = (self._mean(model, group) for group in ("known", "novel"))
         return jackknife(PAPERS_SHARE * known + (1 - PAPERS_SHARE) * novel)
 
