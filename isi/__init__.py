@@ -13,8 +13,8 @@ from typing import Any
 
 #: Module and name there of each name here.
 _WHERE = {
-    "InputError": ("isi.errors", "InputError"),
     "Home": ("isi.home.home", "Home"),
+    "InputError": ("isi.errors", "InputError"),
     "check_initializer": ("isi.checks.initializers", "check_initializer"),
     "check_model": ("isi.checks.models", "check_model"),
     "from_pykeen": ("isi.pykeen.open", "from_pykeen"),

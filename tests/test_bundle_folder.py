@@ -14,7 +14,7 @@ from isi.home.bundle import Bundle, read
 from isi.models.stack import uniform
 from isi.training.batches import training_data
 from isi.training.trainer import run_epoch, start
-from stages.train_final import train_final, usual_epochs, whole_graph
+from stages.train_final import train_stack_for, usual_epochs, whole_graph
 from tests.small_bundle import NAMES, files, small, written
 from tests.small_graphs import random_graph
 from tests.small_grid import LEARNING
@@ -72,7 +72,7 @@ def test_the_usual_epochs_are_the_lower_median_of_the_last_that_were_kept() -> N
 def test_all_triples_are_learned_in_as_many_epochs() -> None:
     graph, config = random_graph(12, 2, 40), LEARNING
     points = whole_graph("home", graph)
-    learned, again = (train_final(points, config, 3) for _ in range(2))
+    learned, again = (train_stack_for(points, config, 3) for _ in range(2))
     assert torch.equal(learned.entity, again.entity)
     session, keys = points.session(1), torch.tensor([[0, 0]])
     assert (session.splits == 0).all()

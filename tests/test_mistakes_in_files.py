@@ -24,13 +24,13 @@ def parsed(path: Path) -> Any:
 
 
 #: The pipeline with the stage alone, which is parsed faster than the whole.
-PIPELINE = yaml.safe_dump({"stages": {"mine": parsed(PIPELINE)["stages"]["mine"]}})
+MINE_ALONE = yaml.safe_dump({"stages": {"mine": parsed(PIPELINE)["stages"]["mine"]}})
 
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with the pipeline, which is the current folder."""
-    (tmp_path / PIPELINE).write_text(PIPELINE, encoding="utf-8")
+    (tmp_path / PIPELINE).write_text(MINE_ALONE, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     triples.shipped_names.cache_clear()
     return tmp_path

@@ -219,8 +219,8 @@ def test_no_part_in_earlier_facts(earlier: Earlier | None) -> None:
 def test_earlier_facts_are_drawn_alike(chosen: Recipe) -> None:
     known = known_queries(ComplEx(), tables_of(theta()), EARLIER, TAIL, chosen)
     drawn = torch.cat([known.draw(np.random.default_rng(seed), 100) for seed in range(2000)])
-    assert len(drawn) == 2000 * len(known.given)
-    of_fact = torch.stack([known.relation, known.given], 1)[drawn]
+    assert len(drawn) == 2000 * len(known.end)
+    of_fact = torch.stack([known.relation, known.end], 1)[drawn]
     for triple in EARLIER.tolist():
         head, relation = triple[HEAD], triple[RELATION]
         same = (EARLIER[:, [RELATION, HEAD]] == torch.tensor([relation, head])).all(1)
@@ -235,7 +235,7 @@ def test_of_many_earlier_facts_a_sample_knows_all_its_answers(
     known = known_queries(ComplEx(), tables_of(theta()), EARLIER, TAIL, EXACT)
     by_hand, facts = ByHand(theta(), EXACT), EARLIER.tolist()
     assert known.number == len(facts)
-    assert list(zip(known.relation.tolist(), known.given.tolist(), strict=True)) == [(0, 0), (2, 5)]
+    assert list(zip(known.relation.tolist(), known.end.tolist(), strict=True)) == [(0, 0), (2, 5)]
     for asked, right in zip([(0, 0), (2, 5)], known.right.tolist(), strict=True):
         scores = [by_hand.score(triple) for triple in facts if query(triple, TAIL) == asked]
         assert right == pytest.approx(np.log(np.exp(scores).sum()), rel=1e-5)

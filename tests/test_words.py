@@ -16,7 +16,7 @@ from isi.graph import words
 from isi.sources.names import entity_name
 from isi.sources.recordings import locate
 from isi.sources.triples import published_phrases
-from stages.embed_words import Words
+from stages.embed_words import Words, load_vectors
 from stages.files import DEFINITIONS
 from tools.embed_phrases import reuse
 
@@ -49,7 +49,7 @@ def binary(vectors: dict[str, list[float]] = VECTORS, newline: bytes = b"\n") ->
 
 def loaded(path: Path, content: bytes) -> KeyedVectors:
     path.write_bytes(content)
-    return words.load_vectors(Words(source=str(path), text="definition", sha256=None))
+    return load_vectors(Words(source=str(path), text="definition", sha256=None))
 
 
 @pytest.mark.parametrize(
@@ -152,7 +152,7 @@ def test_a_damaged_gz_file_is_named(tmp_path: Path, damage: Callable[[bytes], by
 
 @pytest.fixture(scope="module", params=["definition", "phrase"])
 def shipped(request: pytest.FixtureRequest) -> KeyedVectors:
-    return words.load_vectors(Words(source="shipped", text=request.param, sha256=None))
+    return load_vectors(Words(source="shipped", text=request.param, sha256=None))
 
 
 def definitions() -> list[str]:
