@@ -69,13 +69,19 @@ class StageParams:
         return root
 
     def of(self, experiment: str) -> StageParams:
-        """These params with an experiment's own conditions in place of the general ones."""
+        """These params with an experiment's own conditions in place of the general ones;
+        ``InputError`` where one of both is no mapping.
+        """
         changed, replaced = dict(self.values), dict[str, str]()
         for section in CONDITIONS:
             key = f"experiments.{experiment}.{section}"
-            for name, value in (config.value_of(self.values, key) or {}).items():
-                changed[section] = {**changed[section], name: value}
-                replaced[f"{section}.{name}"] = f"{key}.{name}"
+            own = config.value_of(self.values, key)
+            if own is None:
+                continue
+            general = config.check(self.values.get(section), dict[str, Any], section, self.file)
+            own = config.check(own, dict[str, Any], key, self.file)
+            changed[section] = {**general, **own}
+            replaced |= {f"{section}.{name}": f"{key}.{name}" for name in own}
         return replace(self, values=changed, replaced=replaced)
 
     def changed(self, changes: Mapping[str, Any]) -> StageParams:

@@ -15,7 +15,9 @@ from isi.errors import InputError
 from isi.initializers.api import INITIALIZERS, initializer
 from isi.initializers.paper import mean
 from isi.tables import paths
+from isi.training.trainer import Training
 from stages.check_params import Params, check_params, load
+from stages.params import CONDITIONS, StageParams
 from stages.trace_trajectory import traced
 from tests.small_params import small_params
 from tools.workspace import DROP, change_all
@@ -175,6 +177,29 @@ def test_a_wrong_condition_is_named_where_it_stands(
 ) -> None:
     with pytest.raises(InputError, match=f": {re.escape(says)}"):
         changed(tmp_path, {f"experiments.{key}": value})
+
+
+@pytest.mark.parametrize("wrong", ["sampled", [1], 3, True])
+@pytest.mark.parametrize("section", CONDITIONS)
+def test_a_stage_names_a_condition_that_is_no_mapping(section: str, wrong: object) -> None:
+    values = yaml.safe_load(paths.PARAMS.read_text(encoding="utf-8"))
+    own = {**values["experiments"]["paper"], section: wrong}
+    experiments = {**values["experiments"], "paper": own}
+    for changed, key in (
+        ({"experiments": experiments}, f"experiments.paper.{section}"),
+        ({section: wrong}, section),
+    ):
+        with pytest.raises(InputError) as refused:
+            StageParams({**values, **changed}).of("paper")
+        assert refused.value.args[:2] == (str(paths.PARAMS), key)
+
+
+def test_a_wrong_condition_of_a_stage_is_named_where_it_stands() -> None:
+    values = yaml.safe_load(paths.PARAMS.read_text(encoding="utf-8"))
+    values["experiments"]["paper"]["training"] = {"batch_size": 0}
+    with pytest.raises(InputError) as refused:
+        StageParams(values).of("paper").read("training", Training)
+    assert refused.value.place == "experiments.paper.training.batch_size"
 
 
 def test_an_experiment_runs_all_initializers_or_those_that_it_lists_in_the_order_of_params(
