@@ -75,13 +75,13 @@ class StageParams:
         changed, replaced = dict(self.values), dict[str, str]()
         for section in CONDITIONS:
             key = f"experiments.{experiment}.{section}"
-            own = config.value_of(self.values, key)
-            if own is None:
+            conditions = config.value_of(self.values, key)
+            if conditions is None:
                 continue
             general = config.check(self.values.get(section), dict[str, Any], section, self.file)
-            own = config.check(own, dict[str, Any], key, self.file)
-            changed[section] = {**general, **own}
-            replaced |= {f"{section}.{name}": f"{key}.{name}" for name in own}
+            conditions = config.check(conditions, dict[str, Any], key, self.file)
+            changed[section] = {**general, **conditions}
+            replaced |= {f"{section}.{name}": f"{key}.{name}" for name in conditions}
         return replace(self, values=changed, replaced=replaced)
 
     def changed(self, changes: Mapping[str, Any]) -> StageParams:
