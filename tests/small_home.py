@@ -9,10 +9,11 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
-from isi.home import choices
+from isi.home import choosing
 from isi.home.bundle import Fact
-from isi.home.choices import Choice, Choices, Conditions
+from isi.home.choices import Choices
 from isi.home.home import Home
+from isi.home.inserted import Choice, Conditions
 from isi.insertion.engine import Method
 from isi.insertion.hidden import HoldOut
 from isi.insertion.selection import named
@@ -48,7 +49,7 @@ def quick_choices(of_known: bool = False) -> Iterator[None]:
     ``of_known``: all homes inside are of ``KNOWN``, so that curves are fitted once.
     """
     choose = _remembered if of_known else _choose
-    with patch.object(choices, "select", _selected), patch.object(Choices, "_choose", choose):
+    with patch.object(choosing, "select", _selected), patch.object(Choices, "_choose", choose):
         yield
 
 

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 
 from isi.evaluation.platt import PlattCurve, fit_platt
 from isi.graph.graph import HEAD, TAIL
@@ -101,7 +100,7 @@ def test_relations_between_two_entities_are_given_then_known_then_the_most_proba
     odd = replace(both, triples=np.array([*TRIPLES, (KETTLE, HAS, BED)]), added=1)
     (first,) = answer_relation(odd, KETTLE, BED, 1, curves.__getitem__).answers
     assert (first.entity, first.rank, first.given, first.known) == ("hasAffordance", 2, True, True)
-    fitting = answer_relation(opened(), KETTLE, KITCHEN, 9, lambda _: torch.ones_like).answers
+    fitting = answer_relation(opened(), KETTLE, KITCHEN, 9, lambda _: np.ones_like).answers
     assert [(one.entity, one.probability) for one in fitting] == [
         ("atLocation", 1.0),
         ("hasAffordance", 0.0),
@@ -233,8 +232,8 @@ def test_a_fact_unlike_all_that_is_known_of_its_relation_is_noted() -> None:
 
 def test_the_curve_of_a_relation_goes_through_all_candidate_answers_about_known_entities() -> None:
     scores, known = (
-        torch.tensor([3.0, 1.0, 1.0, 2.0]).double(),
-        torch.tensor([True, False, False, True]),
+        np.array([3.0, 1.0, 1.0, 2.0]),
+        np.array([True, False, False, True]),
     )
     # kettle, bed in kitchen, bedroom
     expected, curve = fit_platt(scores, known), fit_curve(opened(), AT, TAIL)

@@ -12,7 +12,7 @@ import pytest
 import isi
 from isi.errors import InputError
 from isi.home.bundle import Fact
-from isi.home.choices import HARM
+from isi.home.choosing import HARM
 from isi.home.home import Home
 from isi.home.loaded import LoadedEmbedding
 from tests.small_bundle import (

@@ -95,14 +95,12 @@ def test_curves_go_through_the_answers_about_hidden_entities() -> None:
         by_relation[relation].append((score, right))
     assert set(by_relation) == set(range(RELATIONS))
     for relation, answers in by_relation.items():
-        scores, right = map(torch.tensor, zip(*answers, strict=True))
+        scores, right = map(np.array, zip(*answers, strict=True))
         assert int(right.sum()) >= LEAST_RIGHT
         expected = fit_platt(scores, right)
         triples = ALL_OF_NEW[ALL_OF_NEW[:, RELATION] == relation]
         theta = done.details.embedding.entity[0].numpy()
-        of_triples = torch.from_numpy(
-            (theta[triples[:, HEAD]] * MAPS[relation] * theta[triples[:, TAIL]]).sum(1)
-        )
+        of_triples = (theta[triples[:, HEAD]] * MAPS[relation] * theta[triples[:, TAIL]]).sum(1)
         np.testing.assert_allclose(
             done.probability(triples), expected(of_triples), rtol=1e-3, atol=1e-5
         )
@@ -178,7 +176,7 @@ def test_relations_with_few_right_answers_and_new_ones_share_a_curve() -> None:
     )
     assert set(done.details.curves.of_relation) == {0, 1, 2}
     triples = np.array([[NEW, relation, 7] for relation in (3, 4)])
-    score = done.details.embedding.score(*torch.from_numpy(triples).T[:, None])[0]
+    score = done.details.embedding.score(*torch.from_numpy(triples).T[:, None])[0].numpy()
     np.testing.assert_array_equal(done.probability(triples), done.details.curves.of_all(score))
     assert isinstance(done.details.curves.of_all, PlattCurve)
 

@@ -16,9 +16,9 @@ from isi.evaluation.filtered import EndQueries
 from isi.graph.graph import HEAD, TAIL
 from isi.initializers.api import INITIALIZERS, InitResult, Registered, initializer, without_weights
 from isi.initializers.context import InitContext
-from isi.insertion.arguments import stack_of_one
 from isi.insertion.engine import Method
 from isi.insertion.hidden import HiddenDraws, HoldOut, Trial
+from isi.insertion.request import stack_of_one
 from isi.insertion.selection import Selection, net_mrr, selection_among
 from isi.models.bilinear import DistMult
 from tests.plain_ranks import filtered_rank

@@ -11,7 +11,8 @@ import torch
 from torch import Tensor
 
 from isi.errors import InputError, short
-from isi.insertion.arguments import checked_model, stack_of_one, table
+from isi.insertion.arguments import checked_model, table
+from isi.insertion.request import stack_of_one
 from isi.insertion.result import Inserted
 from isi.models.model import Model
 from isi.models.stack import Embedding

@@ -16,13 +16,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from isi.evaluation.platt import PlattCurve, fit_platt
 from isi.graph.graph import HEAD, TAIL
 from isi.home.bundle import Fact
-from isi.home.loaded import LoadedEmbedding, Query, answers_in
+from isi.home.loaded import LoadedEmbedding, Query, answers_in, best_first
 
 #: Least probability of an answer that is stated as one. With it, four in five of the best answers
 #: about hidden objects of AI2-THOR were right (docs/command.md).
@@ -75,7 +73,7 @@ class Answers:
         )
 
 
-Curve = Callable[[Tensor], Tensor]  #: From scores, (N,), to probabilities.
+Curve = Callable[[np.ndarray], np.ndarray]  #: From scores, (N,), to probabilities.
 
 
 def answer(
@@ -93,14 +91,14 @@ def answer(
     ``new``: without what is known; ``among``: ids of the candidates, if they are named;
     ``indicators``: ids, for ``Answer.shared_by``.
     """
-    entities, scores = opened.ranked(query, among)
-    names, rows = opened.entity_names, entities.numpy()
+    rows, scores = opened.ranked(query, among)
+    names = opened.entity_names
     known = np.isin(rows, list(opened.answers(query)))
     added = opened.triples[len(opened.triples) - opened.added :]
     is_added = np.isin(rows, list(answers_in(added, query)))
     usual = opened.candidates(query.relation, HEAD + TAIL - query.slot)
     if query.given not in usual and not known.any():
-        curve = torch.zeros_like  # no known triple asks this of its kind
+        curve = np.zeros_like  # no known triple asks this of its kind
     order = np.lexsort([~known, ~is_added])
     order = order[~known[order]][:most] if new else order[:most]
     shared = {row: opened.answers(query._replace(given=row)) for row in indicators or ()}
@@ -136,9 +134,9 @@ def answer_relation(
     """
     added = opened.triples[len(opened.triples) - opened.added :]
     names, labels = opened.entity_names, opened.relation_names
-    scores = opened.embedding.score_relations(torch.tensor([[head]]), torch.tensor([[tail]]))[0, 0]
+    scores = opened.scores.relations(head, tail)
     rows = []
-    for place, relation in enumerate(scores.sort(descending=True, stable=True).indices.tolist()):
+    for place, relation in enumerate(best_first(scores).tolist()):
         if tail in answers_in(opened.retracted, Query(head, relation, TAIL)):
             continue
         fits = tail in opened.candidates(relation, TAIL) and head in opened.candidates(
@@ -165,7 +163,7 @@ def completed(opened: LoadedEmbedding, query: Query, answer: int) -> Fact:
     )
 
 
-def _probabilities(curve: Curve | None, scores: Tensor) -> list[Any]:
+def _probabilities(curve: Curve | None, scores: np.ndarray) -> list[Any]:
     return [None] * len(scores) if curve is None else curve(scores).tolist()
 
 
@@ -178,10 +176,8 @@ def fit_curve(opened: LoadedEmbedding, relation: int, slot: int) -> PlattCurve |
         return None
     most = max(1, min(MOST_ENTITIES, MOST_ANSWERS // len(opened.entities)))
     sample, candidates = entities[:: -(-len(entities) // most)], opened.candidates(relation, slot)
-    scores = opened.scores(torch.tensor(sample), relation, slot)[:, candidates].double()
-    answers = [
-        torch.tensor(sorted(opened.answers(Query(entity, relation, slot)))) for entity in sample
-    ]
-    return fit_platt(
-        scores.flatten(), torch.cat([torch.isin(candidates, known) for known in answers])
-    )
+    score = opened.scores.tails if slot == TAIL else opened.scores.heads
+    scores = score(np.array(sample), relation)[:, candidates]
+    known = [opened.answers(Query(entity, relation, slot)) for entity in sample]
+    is_known = [np.isin(candidates, list(answers)) for answers in known]
+    return fit_platt(scores.ravel(), np.concatenate(is_known))

@@ -5,58 +5,17 @@ and the curves of its probabilities, tested on hidden known entities and stored 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from dataclasses import dataclass, field
+from typing import Any
 
-import numpy as np
-
-from isi.evaluation.platt import PlattCurve
+from isi.evaluation.platt import Curves
 from isi.home.database import Database
+from isi.home.inserted import Choice, Conditions
 from isi.home.loaded import LoadedEmbedding
-from isi.insertion.hidden import HoldOut
-from isi.insertion.probability import Curves, fit_curves
-from isi.insertion.selection import named, one_score, select
-from isi.models.losses import Loss, loss_named
-from isi.models.stack import usual_torch
 
 #: Numbers of facts for which an initializer is selected. That for the largest one serves entities
 #: with more.
 PREPARED = (0, 1, 2, 3, 5, 8)
-#: Of the selection: a home gets many entities, one after another.
-HARM = 0.005
-
-
-class Conditions(NamedTuple):
-    """The conditions of an insertion: under equal ones, entities get the same initializer."""
-
-    facts: int  #: mean number with known entities; one of ``PREPARED``
-    words: bool  #: whether all have word vectors
-    initializer: str | None  #: None: the one selected for so many facts
-    options: tuple[tuple[str, Any], ...]
-    seed: int
-
-    @property
-    def requested(self) -> str:
-        """The initializer that was asked for, with its options; empty for none."""
-        return "" if self.initializer is None else json.dumps([self.initializer, *self.options])
-
-    @property
-    def key(self) -> tuple[int, bool, str]:
-        """What a choice depends on."""
-        return self.facts, self.words, self.requested
-
-
-@dataclass(frozen=True)
-class Choice:
-    """What serves entities under some conditions, as tested on hidden known ones."""
-
-    initializer: str
-    options: Mapping[str, Any]
-    why: str
-    trained_with: Loss  #: that of training, or the one that is assumed
-    warnings: Sequence[str]
-    curves: Curves | None  #: None: there are too few known triples
 
 
 @dataclass(eq=False)
@@ -99,42 +58,12 @@ class Choices:
         return key in self._made or self._stored(key) is not None
 
     def _choose(self, conditions: Conditions) -> Choice:
-        base, entities = self.base, len(self.base.entities)
-        number, words, warnings = conditions.facts, conditions.words, list[str]()
-        with usual_torch():
-            test = self._hold_out(number, words)
-            selection = None
-            if conditions.initializer is None:
-                method, selection = select(test, number > 0, words, harm=HARM)
-                warnings = list(selection.warnings) if selection else []
-                self._warnings += warnings
-            else:
-                options = dict(conditions.options)
-                method = named(conditions.initializer, options, base.model, entities)
-                method = replace(method, trained_with=base.manifest.loss or "logistic")
-            draws = replace(test, loss=method.trained_with).hide()
-            curves = None if draws is None else fit_curves(draws, method)
-        return Choice(
-            method.initializer.name,
-            dict(method.options),
-            method.why,
-            loss_named(method.trained_with).name,
-            warnings,
-            curves,
-        )
+        from isi.home.choosing import choose  # here, since it loads PyTorch
 
-    def _hold_out(self, number: int, words: bool) -> HoldOut:
-        """The hold-out test with so many insert triples for each hidden entity."""
-        base = self.base
-        return HoldOut(
-            replace(base.embedding, model=one_score(base.model)),
-            base.triples,
-            np.array([number]),
-            base.words if words else None,
-            base.kind_ids,
-            seed=0,
-            loss=base.manifest.loss,
-        )
+        choice = choose(self.base, conditions)
+        if conditions.initializer is None:
+            self._warnings += choice.warnings
+        return choice
 
     def _stored(self, key: tuple[int, bool, str]) -> Choice | None:
         row = self.database.choice(*key)
@@ -142,7 +71,8 @@ class Choices:
             return None
         initializer, options, why, trained_with, warnings, curves = row
         options, warnings = json.loads(options), json.loads(warnings)
-        return Choice(initializer, options, why, trained_with, warnings, _curves_of(curves))
+        fitted = None if curves is None else Curves.of_stored(json.loads(curves))
+        return Choice(initializer, options, why, trained_with, warnings, fitted)
 
     def _store(self, key: tuple[int, bool, str], choice: Choice) -> Choice:
         facts, words, requested = key
@@ -155,7 +85,7 @@ class Choices:
             "why": choice.why,
             "trained_with": choice.trained_with,
             "warnings": json.dumps(list(choice.warnings)),
-            "curves": _text_of(choice.curves),
+            "curves": None if choice.curves is None else json.dumps(choice.curves.stored()),
         }
         if self.database.is_read_only:
             return choice
@@ -169,21 +99,3 @@ class Choices:
 def prepared(facts: float) -> int:
     """The number in ``PREPARED`` that serves so many facts."""
     return max(number for number in PREPARED if number <= facts)
-
-
-def _text_of(curves: Curves | None) -> str | None:
-    """Curves as JSON: slope and offset of all relations, and of each that has its own."""
-    if curves is None:
-        return None
-    of_relation = {
-        str(relation): list(vars(curve).values()) for relation, curve in curves.of_relation.items()
-    }
-    return json.dumps({"all": list(vars(curves.of_all).values()), **of_relation})
-
-
-def _curves_of(text: str | None) -> Curves | None:
-    if text is None:
-        return None
-    curves = {key: PlattCurve(*values) for key, values in json.loads(text).items()}
-    of_all = curves.pop("all")
-    return Curves({int(relation): curve for relation, curve in curves.items()}, of_all)

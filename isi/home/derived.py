@@ -6,11 +6,10 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
-from functools import partial
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from isi.config import check
 from isi.errors import InputError, at
@@ -29,14 +28,16 @@ from isi.home.changes import (
 )
 from isi.home.choices import Choices
 from isi.home.database import Database, StoredFact
-from isi.home.explain import Snapshot
 from isi.home.folder import trained
-from isi.home.groups import EntityGroups, InsertedEntity, Member
+from isi.home.inserted import InsertedEntity
 from isi.home.loaded import LoadedEmbedding
 from isi.home.phrases import SAME, phrase_vectors, with_words
-from isi.insertion.probability import Curves
 from isi.names import clean, plain
 from isi.vocabulary import NewName, Vocabulary, check_new
+
+if TYPE_CHECKING:  # what inserts needs PyTorch, and questions do without
+    from isi.home.explain import Snapshot
+    from isi.home.groups import EntityGroups, Member
 
 
 class Derived:
@@ -49,17 +50,23 @@ class Derived:
 
     def __init__(self, database: Database, base: LoadedEmbedding) -> None:
         """Derive everything from the tables; ``base``: their trained embedding."""
-        phrases = phrase_vectors(base)
         self.database = database
         self.base = base  #: the trained entities, with the triples of training
         self.training = database.last_training()  #: that of ``base``
-        self.choices = Choices(base, phrases is not None, database, self.training)
-        self.groups = EntityGroups(base, phrases, self.choices)
+        has_words = base.words is not None and base.manifest.words is not None
+        self.choices = Choices(base, has_words, database, self.training)
         self.last_change = database.last_change()
         self.rows = dict[str, InsertedEntity]()  #: inserted entities, in order
         self._known_curves = dict[tuple[int, int], Curve | None]()  # by relation and slot
         self._read_rows(0)
         self._version: int | None = database.version()
+
+    @cached_property
+    def groups(self) -> EntityGroups:
+        """What inserts entities."""
+        from isi.home.groups import EntityGroups
+
+        return EntityGroups(self.base, phrase_vectors(self.base), self.choices)
 
     # -- how it follows the database ---------------------------------------------------------------
 
@@ -155,7 +162,8 @@ class Derived:
         inserted.
         """
         of_training, inserted = self.base.labels.ids, set(self.database.inserted())
-        members, waiting = dict[str, Member](), sorted(names)
+        members: dict[str, Member] = {}
+        waiting = sorted(names)
         while waiting:
             name = waiting.pop()
             if name in members:
@@ -240,10 +248,12 @@ class Derived:
             return self._known_curves[relation, slot]
         row = self.rows[self.now.entity_names[entity]]
         curves = self.choices.choice(row.conditions).curves
-        return None if curves is None else partial(_probabilities, curves, relation)
+        return None if curves is None else curves.of(relation)
 
     def snapshot(self, name: str) -> Snapshot:
         """An inserted entity as explanations read it."""
+        from isi.home.explain import Snapshot
+
         members = self.members_of([name])
         return Snapshot(self.now, self.groups, self.known_triples, members, self.rows[name])
 
@@ -372,10 +382,6 @@ def with_own_words(bundle: Bundle) -> LoadedEmbedding:
     """
     loaded = LoadedEmbedding(**vars(bundle))
     return loaded if loaded.words is None else with_words(loaded)
-
-
-def _probabilities(curves: Curves, relation: int, scores: Tensor) -> Tensor:
-    return curves(scores, torch.full(scores.shape, relation))
 
 
 def _fact_of(row: StoredFact) -> Fact:

@@ -11,12 +11,14 @@ import torch
 from isi.graph.graph import HEAD, TAIL
 from isi.home.answers import Answers, Curve, answer, completed
 from isi.home.bundle import Fact
-from isi.home.groups import EntityGroups, InsertedEntity, Member
+from isi.home.groups import EntityGroups, Member
+from isi.home.inserted import InsertedEntity
 from isi.home.loaded import LoadedEmbedding, queries_of
 from isi.home.phrases import PhraseVector
 from isi.initializers import similarity
 from isi.insertion.engine import context_for
 from isi.insertion.result import Details
+from isi.models.stack import usual_torch
 
 EXAMINED = 20  #: Best answers per query that are searched for those without support.
 #: Maximum number of indicators shown, and least weight, unless the vector is their centroid.
@@ -104,6 +106,7 @@ class Snapshot:
 CurveOf = Callable[[int, int, int], Curve | None]
 
 
+@usual_torch()
 def report(snapshot: Snapshot, top: int, curve_of: CurveOf) -> Report:
     """Report on an inserted entity, with the ``top`` best answers to each query and nearest
     entities.
@@ -142,6 +145,7 @@ def report(snapshot: Snapshot, top: int, curve_of: CurveOf) -> Report:
     )
 
 
+@usual_torch()
 def explain(snapshot: Snapshot) -> Explanation:
     """Explain an inserted entity."""
     row = snapshot.row

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from collections import ChainMap
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 from zlib import crc32
 
 import numpy as np
@@ -14,8 +12,8 @@ import torch
 
 from isi.errors import InputError
 from isi.home.bundle import Fact, NewEntity
-from isi.home.choices import Choice, Choices, Conditions, prepared
-from isi.home.database import Database
+from isi.home.choices import Choices, prepared
+from isi.home.inserted import Choice, Conditions, InsertedEntity
 from isi.home.loaded import LoadedEmbedding
 from isi.home.phrases import PhraseVector, PhraseVectors
 from isi.initializers.scale import fit_scale
@@ -23,6 +21,7 @@ from isi.insertion.api import insert_request
 from isi.insertion.relations import fit_relations
 from isi.insertion.request import InsertRequest, KnownEmbedding
 from isi.insertion.result import Details
+from isi.models.stack import usual_torch
 from isi.names import plain
 from isi.vocabulary import ids_by_name
 
@@ -38,61 +37,6 @@ class Member:
     words: PhraseVector
     kind: str
     notes: tuple[str, ...]  #: sentences on its kind, its words and unusual facts
-
-
-@dataclass(frozen=True, eq=False)
-class InsertedEntity:
-    """An inserted entity as it stands."""
-
-    entity: str
-    vector: np.ndarray  #: shape: (d,)
-    kind: str
-    initializer: str
-    options: Mapping[str, Any]
-    why: str  #: the reason for this initializer
-    fallback: str | None  #: the rule that replaced it for lack of data, or None
-    notes: tuple[str, ...]
-    conditions: Conditions
-
-    @classmethod
-    def of_row(cls, row: Sequence[Any], dtype: np.dtype[Any]) -> InsertedEntity:
-        """The entity of a row of ``Database.vectors_after``; ``dtype``: of vectors."""
-        entity, vector, kind, initializer, options, why, fallback, notes, *of_conditions = row
-        facts, words, requested, requested_options, seed = of_conditions
-        return cls(
-            entity=entity,
-            vector=np.frombuffer(vector, dtype),
-            kind=kind,
-            initializer=initializer,
-            options=json.loads(options),
-            why=why,
-            fallback=fallback,
-            notes=tuple(json.loads(notes)),
-            conditions=Conditions(
-                facts,
-                bool(words),
-                requested,
-                tuple(sorted(json.loads(requested_options).items())),
-                seed,
-            ),
-        )
-
-    def store(self, database: Database, change: int) -> None:
-        """Write it, as a change's."""
-        row = {
-            "entity": self.entity,
-            "change": change,
-            "initializer": self.initializer,
-            "options": json.dumps(dict(self.options)),
-            "why": self.why,
-            "fallback": self.fallback,
-            "kind": self.kind,
-            "notes": json.dumps(self.notes),
-            "facts": self.conditions.facts,
-            "words": self.conditions.words,
-            "vector": self.vector.tobytes(),
-        }
-        database.put_vector(row)
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,6 +160,7 @@ class EntityGroups:
         new = [missing if vector is None else vector for vector in vectors]
         return np.concatenate([known, np.array(new, known.dtype)])
 
+    @usual_torch()
     def relation_row(self, facts: Sequence[Fact], now: LoadedEmbedding) -> np.ndarray:
         """The row of a relation that was not trained, from its facts between entities of ``now``;
         shape (w,).

@@ -29,7 +29,6 @@ from isi.home.folder import Durability
 from isi.home.loaded import LoadedEmbedding
 from isi.home.phrases import with_words
 from isi.home.questions import Questions, names_of, one_at_a_time, reads
-from isi.models.stack import usual_torch
 from isi.names import clean
 
 
@@ -293,7 +292,7 @@ class Home(Questions):
         """Make a newly trained embedding that of this home; ``isi.train(home)`` calls it."""
         loaded, before = with_words(LoadedEmbedding(**vars(bundle))), self.derived
         training = folders.training(self.database, loaded, keep=True)
-        with self._lock, usual_torch():
+        with self._lock:
             try:
                 with training as change:
                     self.derived = Derived(self.database, loaded).with_all_inserted(change)

@@ -1,21 +1,24 @@
 """Queries to a bundle: scores, known answers, candidates, nearest entities."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial, wraps
-from typing import Any, Concatenate, NamedTuple, ParamSpec, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Concatenate, NamedTuple, ParamSpec, Self, TypeVar
 
 import numpy as np
-import torch
-from torch import Tensor
-from torch.nn.functional import normalize
 
+from isi.config import check
 from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.home.bundle import Bundle, Fact
-from isi.insertion.arguments import checked_model, stack_of_one, table
-from isi.models.model import Model
-from isi.models.stack import Embedding
+from isi.home.phrases import unit
+from isi.home.scores import SCALARS, TRANSLATIONS, ArrayScores, ModelOptions, ModelScores, Scores
 from isi.vocabulary import Vocabulary, ids_by_name
+
+if TYPE_CHECKING:  # PyTorch takes a second to import
+    from isi.models.model import Model
+    from isi.models.stack import Embedding
 
 #: A query fits an entity if more than this share of its indicators, by weight, have known answers.
 ENOUGH = 0.1
@@ -64,6 +67,8 @@ class LoadedEmbedding(Bundle):
 
     @cached_property
     def model(self) -> Model:
+        from isi.insertion.arguments import checked_model
+
         return self.scoring or checked_model(
             self.manifest.model_name, self.manifest.model_options, self.entities.shape[1]
         )
@@ -71,6 +76,9 @@ class LoadedEmbedding(Bundle):
     @cached_property
     def embedding(self) -> Embedding:
         """The tables as a stack of one embedding in single precision."""
+        from isi.insertion.arguments import table
+        from isi.insertion.request import stack_of_one
+
         relations = table(self.relations, "relations", self.model.width(self.entities.shape[1]))
         return stack_of_one(self.entities, relations, self.model)
 
@@ -110,12 +118,14 @@ class LoadedEmbedding(Bundle):
         left_out = self.keys_of(self.ids_of(facts))
         return self.triples[~np.isin(self.keys_of(self.triples), left_out)]
 
-    def scores(self, given: Tensor, relation: int, slot: int) -> Tensor:
-        """Scores of all entities in the slot, (Q, E), for given entities, (Q,), and a relation."""
-        relations = torch.full_like(given, relation)[None]
-        if slot == TAIL:
-            return self.embedding.score_tails(given[None], relations)[0]
-        return self.embedding.score_heads(relations, given[None])[0]
+    @cached_property
+    def scores(self) -> Scores:
+        name = self.manifest.model_name
+        if self.scoring is not None or name not in (*SCALARS, *TRANSLATIONS):
+            return ModelScores(self.embedding)
+        options = check(self.manifest.model_options, ModelOptions, "model_options", "manifest")
+        tables = (table.astype(np.float32, copy=False) for table in (self.entities, self.relations))
+        return ArrayScores(name, options, *tables)
 
     @remembered
     def in_slot(self, relation: int, slot: int) -> list[int]:
@@ -132,7 +142,7 @@ class LoadedEmbedding(Bundle):
         """A number for each entity's kind, (E,); -1 without a kind."""
         return np.array([self.kind_numbers.get(kind, -1) for kind in self.kinds])
 
-    def candidates(self, relation: int, slot: int) -> Tensor:
+    def candidates(self, relation: int, slot: int) -> np.ndarray:
         """Ids of entities without a kind, or of a usual kind in this slot of known triples;
         all if it has no kinds.
 
@@ -151,9 +161,11 @@ class LoadedEmbedding(Bundle):
             if len(pairs)
             else np.full(len(self.kinds), True)
         )
-        return torch.from_numpy(np.flatnonzero(fits))
+        return np.flatnonzero(fits)
 
-    def ranked(self, query: Query, among: Collection[int] | None = None) -> tuple[Tensor, Tensor]:
+    def ranked(
+        self, query: Query, among: Collection[int] | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Candidates and known answers, or the entities ``among`` which to rank, best first, and
         scores, without retracted answers.
 
@@ -163,20 +175,21 @@ class LoadedEmbedding(Bundle):
             fitting = set(self.candidates(query.relation, query.slot).tolist()) - {query.given}
             among = fitting | self.answers(query)
         listed = set(among) - answers_in(self.retracted, query)
-        candidates = torch.tensor(sorted(listed), dtype=torch.int64)
-        scores = self.scores(torch.tensor([query.given]), query.relation, query.slot)[0, candidates]
-        best = scores.sort(descending=True, stable=True)
-        return candidates[best.indices], best.values
+        candidates = np.array(sorted(listed), np.int64)
+        score = self.scores.tails if query.slot == TAIL else self.scores.heads
+        scores = score(np.array([query.given]), query.relation)[0, candidates]
+        best = best_first(scores)
+        return candidates[best], scores[best]
 
     def nearest(self, entity: int, number: int) -> list[tuple[int, float]]:
         """The ``number`` other entities with the highest cosine to ``entity``,
         and these cosines, best first.
         """
-        vectors = normalize(self.embedding.entity[0], dim=-1)
-        cosines = (vectors @ vectors[entity]).index_fill(0, torch.tensor(entity), -torch.inf)
-        best = cosines.sort(descending=True, stable=True)
-        shown = min(number, len(cosines) - 1)
-        return list(zip(best.indices[:shown].tolist(), best.values[:shown].tolist(), strict=True))
+        vectors = unit(self.entities)
+        cosines = vectors @ vectors[entity]
+        best = best_first(cosines)
+        others = best[best != entity][:number]
+        return list(zip(others.tolist(), cosines[others].tolist(), strict=True))
 
     def kind_notes(self, facts: Iterable[Fact], new: str) -> Iterator[str]:
         """Notes on facts of a new entity whose known end has a kind new to the relation's slot."""
@@ -198,7 +211,7 @@ class LoadedEmbedding(Bundle):
         there, sorted.
         """
         in_slot = np.array(self.in_slot(relation, slot), np.int64)
-        return in_slot[np.isin(in_slot, self.candidates(relation, slot).numpy())]
+        return in_slot[np.isin(in_slot, self.candidates(relation, slot))]
 
     def kind_of(self, new: str, facts: Iterable[Fact], alike: np.ndarray | None) -> tuple[str, str]:
         """The kind of a new entity and the reason; empty texts if unknown.
@@ -260,6 +273,11 @@ class LoadedEmbedding(Bundle):
             counts=None,
             words=None if self.words is None else self.words[rows],
         )
+
+
+def best_first(scores: np.ndarray) -> np.ndarray:
+    """The places of scores, (N,), the highest first; equal ones stay in order."""
+    return np.argsort(-scores, kind="stable")
 
 
 def answers_in(triples: np.ndarray, query: Query) -> set[int]:

@@ -10,7 +10,7 @@ from datetime import datetime, timedelta
 from functools import partial, wraps
 from pathlib import Path
 from threading import RLock
-from typing import Any, Concatenate, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
 
@@ -21,13 +21,14 @@ from isi.home.answers import Answers, answer, answer_relation
 from isi.home.changes import Change, as_text, changes_of, now
 from isi.home.database import Database, StoredFact
 from isi.home.derived import Derived
-from isi.home.explain import Explanation, Report, explain, report
-from isi.home.groups import InsertedEntity
+from isi.home.inserted import InsertedEntity
 from isi.home.loaded import LoadedEmbedding, Query
 from isi.insertion.arguments import naming_argument
-from isi.insertion.interference import Interference, interference_of
-from isi.models.stack import usual_torch
 from isi.names import clean
+
+if TYPE_CHECKING:  # PyTorch takes a second to import, and most questions do without
+    from isi.home.explain import Explanation, Report
+    from isi.insertion.interference import Interference
 
 FIRST_TRAINING = 1  #: Number of the change that made a home.
 P = ParamSpec("P")
@@ -37,9 +38,8 @@ R = TypeVar("R")
 def one_at_a_time(
     begin: Callable[[Any], AbstractContextManager[Any]],
 ) -> Callable[[Callable[Concatenate[Any, P], R]], Callable[Concatenate[Any, P], R]]:
-    """Decorates methods of which one thread runs one at a time, under PyTorch's usual settings,
-    after what other processes have changed is taken over; ``begin``: what it sees or writes is of
-    one moment.
+    """Decorates methods of which one thread runs one at a time, after what other processes have
+    changed is taken over; ``begin``: what it sees or writes is of one moment.
     """
 
     def decorate(method: Callable[Concatenate[Any, P], R]) -> Callable[Concatenate[Any, P], R]:
@@ -50,7 +50,7 @@ def one_at_a_time(
                     return method(self, *args, **kwargs)
                 self._is_inside = True
                 try:
-                    with usual_torch(), begin(self):
+                    with begin(self):
                         self.derived = self.derived.current()
                         return method(self, *args, **kwargs)
                 finally:
@@ -75,7 +75,7 @@ class Questions:
         """``base``: the trained embedding of the database."""
         self._lock, self._is_inside = RLock(), False
         self.database = database
-        with usual_torch(), database.snapshot():
+        with database.snapshot():
             self.derived = Derived(database, base)
 
     # -- answers -----------------------------------------------------------------------------------
@@ -161,6 +161,8 @@ class Questions:
             >>> sorted(indicator.entity for indicator in explanation.indicators)
             ['cup', 'fork', 'pan']
         """
+        from isi.home.explain import explain
+
         notes = list[str]()
         name = self.derived.inserted(self._queried(entity, notes))
         explanation = explain(self.derived.snapshot(name))
@@ -177,6 +179,8 @@ class Questions:
             >>> report.facts, report.initializer, report.why
             ([('mug', 'in', 'kitchen')], 'mean', 'as named')
         """
+        from isi.home.explain import report
+
         check(top, Count, "", "argument 'top'")
         notes = list[str]()
         name = self.derived.inserted(self._queried(entity, notes))
@@ -199,6 +203,9 @@ class Questions:
             >>> measured.queries, measured.h_cur <= measured.h_old
             (12, True)
         """
+        from isi.insertion.interference import interference_of
+        from isi.models.stack import usual_torch
+
         most = check(most, Count, "", "argument 'most'")
         show = check(show, Seed, "", "argument 'show'")
         now, known = self.now, len(self.base.entities)
@@ -209,17 +216,18 @@ class Questions:
         )
         chosen = [now.names.ids[name] for name in names]
         part = now.part(np.array([*range(known), *chosen])) if chosen else now
-        return interference_of(
-            part.embedding,
-            part.names,
-            part.labels,
-            self.known_triples,
-            [part.triples],
-            known,
-            most,
-            0,
-            show,
-        )
+        with usual_torch():
+            return interference_of(
+                part.embedding,
+                part.names,
+                part.labels,
+                self.known_triples,
+                [part.triples],
+                known,
+                most,
+                0,
+                show,
+            )
 
     # -- state -------------------------------------------------------------------------------------
 

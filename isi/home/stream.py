@@ -18,7 +18,6 @@ from pathlib import Path
 from socketserver import StreamRequestHandler, ThreadingUnixStreamServer
 from typing import Annotated, Any, Literal, NoReturn
 
-import torch
 from pydantic import BeforeValidator, Field, TypeAdapter
 from pydantic_core import from_json, to_json
 
@@ -319,7 +318,7 @@ def prepared_beside(home: Home) -> Iterator[None]:
 
 def _prepare(folder: Path, parent: int) -> None:
     become_worker(parent)
-    torch.set_num_threads(1)
+    os.environ |= {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
     with suppress(InputError), open_home(folder) as home:  # an insertion that needs it says so
         home.prepare()
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -50,7 +51,7 @@ def fit_scale(theta: Embedding, triples: Tensor, loss: Loss | TrainingLoss) -> S
         return Scale(training)  # nothing to fit, or nothing to fit it to
     right, wrong = _known_and_corrupted(theta, triples)
     scores = torch.cat([right.repeat(2), wrong])  # so that both sides weigh the same
-    curve = fit_platt(scores, torch.arange(len(scores)) < 2 * len(right))
+    curve = fit_platt(scores.numpy(), np.arange(len(scores)) < 2 * len(right))
     return Scale(training, curve.slope, curve.offset)
 
 

@@ -9,18 +9,18 @@ from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 import numpy as np
-import torch
 
 from isi.columns import TRIPLE, triple_columns
 from isi.config import as_list, check, is_whole
 from isi.errors import InputError, extra, short
-from isi.models.model import Model, make_model
-from isi.models.stack import Embedding, NotFinite
 from isi.tables import paths
 from isi.vocabulary import Vocabulary, ids_by_name
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # what tells a fact of known entities needs neither
     import pandas as pd
+    import torch
+
+    from isi.models.model import Model
 
 #: Embeds texts: a function from a list of texts to their vectors.
 Embedder = Callable[[Sequence[str]], Any]
@@ -42,7 +42,7 @@ TripleForms: TypeAlias = (
 @contextmanager
 def naming_argument(name: str) -> Iterator[None]:
     """Name the argument in an ``InputError`` raised inside that names no other file than
-    ``params.yaml``. ``NotFinite`` stays as it is.
+    ``params.yaml``. One of a subclass stays as it is.
 
     Example:
         >>> from isi.errors import InputError
@@ -55,7 +55,7 @@ def naming_argument(name: str) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        if error.file not in ("", str(paths.PARAMS)) or isinstance(error, NotFinite):
+        if error.file not in ("", str(paths.PARAMS)) or type(error) is not InputError:
             raise
         raise InputError(
             f"argument {name!r}", re.sub(rf"^{name}s?(\.|$)", "", error.place), error.message
@@ -69,6 +69,11 @@ def options_by_name(values: Any, name: str) -> dict[str, Any]:
     )
 
 
+def is_tensor(values: Any) -> bool:
+    """Whether values are a tensor, without an import of PyTorch."""
+    return hasattr(values, "detach")
+
+
 def array_of(tensor: torch.Tensor) -> np.ndarray:
     """A tensor of any device, with or without gradient, as an array;
     types that NumPy lacks (bfloat16) as float32.
@@ -76,6 +81,8 @@ def array_of(tensor: torch.Tensor) -> np.ndarray:
     try:
         return tensor.numpy(force=True)
     except TypeError:
+        import torch
+
         return tensor.to(torch.complex64 if tensor.is_complex() else torch.float32).numpy(
             force=True
         )
@@ -89,7 +96,7 @@ def table(
     """
     with naming_argument(name), np.errstate(over="ignore", invalid="ignore"):
         try:
-            rows = array_of(values) if isinstance(values, torch.Tensor) else values
+            rows = array_of(values) if is_tensor(values) else values
             numbers = np.asarray(rows, dtype)
         # RuntimeError: by a tensor within
         except (TypeError, ValueError, RuntimeError, OverflowError) as error:
@@ -117,6 +124,8 @@ def checked_model(model: Any, options: Any, dimension: int) -> Model:
     """A given ``Model`` (options ignored), or one made by name;
     InputError for a wrong name, option or dimension.
     """
+    from isi.models.model import Model, make_model
+
     by_name = options_by_name(options, "model_options")
     with naming_argument("model"):
         if not isinstance(model, str | Model):
@@ -154,7 +163,7 @@ def listed_triples(triples: Any) -> np.ndarray | list[Any]:
         if (missing := triples.isna()).any(axis=None):
             triples = triples.astype(object).where(~missing, None)  # for NaN, NaT and NA
         triples = triples.to_numpy()
-    elif isinstance(triples, torch.Tensor):
+    elif is_tensor(triples):
         triples = array_of(triples)
     elif isinstance(triples, np.ndarray) and triples.dtype.names:
         raise InputError("", "", "expected rows of triples: pandas.DataFrame(array) makes a table")
@@ -324,16 +333,3 @@ def _vectors_of(texts: Sequence[str], embedder: Any) -> np.ndarray:
         expected = f"expected {len(texts)} vectors, got {len(vectors)}"
         raise InputError("argument 'embedder'", "", expected)
     return vectors
-
-
-def stack_of_one(
-    entities: np.ndarray | torch.Tensor, relations: np.ndarray, model: Model
-) -> Embedding:
-    """Tables, (E, d) or a tensor (1, E, d), and (R, w), as one float32 embedding.
-    Float32 vectors are not copied.
-    """
-    # values that overflow are refused later; torch warns of a table that is read-only
-    with np.errstate(over="ignore"), warnings.catch_warnings(action="ignore", category=UserWarning):
-        if isinstance(entities, np.ndarray):
-            entities = torch.from_numpy(np.ascontiguousarray(entities, np.float32))[None]
-    return Embedding(entities, torch.from_numpy(np.array(relations, np.float32))[None], model)

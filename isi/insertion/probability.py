@@ -2,14 +2,11 @@
 fitted to hidden known entities.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-
 import numpy as np
 import torch
 from torch import Tensor
 
-from isi.evaluation.platt import PlattCurve, fit_platt
+from isi.evaluation.platt import Curves, PlattCurve, fit_platt
 from isi.graph.graph import RELATION
 from isi.graph.sessions import membership
 from isi.initializers.context import InitContext
@@ -19,29 +16,9 @@ from isi.insertion.hidden import HiddenDraws
 LEAST_RIGHT = 5  #: Least number of right answers for a curve.
 
 
-@dataclass(frozen=True)
-class Curves:
-    """A curve for each relation with at least ``LEAST_RIGHT`` right answers,
-    and one of all relations for others.
-    """
-
-    of_relation: Mapping[int, PlattCurve]
-    of_all: PlattCurve
-
-    def __call__(self, scores: Tensor, relations: Tensor) -> Tensor:
-        """Probabilities of triples, by their scores and the ids of their relations;
-        all of shape (T,).
-        """
-        probabilities = self.of_all(scores)
-        for relation, curve in self.of_relation.items():
-            same = relations == relation
-            probabilities[same] = curve(scores[same])
-        return probabilities
-
-
 def fit_curves(draws: HiddenDraws, method: Method) -> Curves | None:
     """Insert the hidden entities, and fit logistic curves (Platt 1999) to the answers
-    to the queries about them.
+    to the queries about them: one for each relation with at least ``LEAST_RIGHT`` right answers.
 
     Given a hidden entity, all known entities are answers; given a known one, the hidden entities of
     the draw. Insert triples are left out. None with too few right answers, or if the initializer
@@ -54,13 +31,13 @@ def fit_curves(draws: HiddenDraws, method: Method) -> Curves | None:
     inserted = draws.insert(method)
     if inserted is None:
         return None
-    scores, right, relations = answers(draws, inserted[1])
+    scores, right, relations = (values.numpy() for values in answers(draws, inserted[1]))
 
-    def fit(chosen: Tensor) -> PlattCurve | None:
+    def fit(chosen: np.ndarray) -> PlattCurve | None:
         few = not LEAST_RIGHT <= int(right[chosen].sum()) < int(chosen.sum())
         return None if few else fit_platt(scores[chosen], right[chosen])
 
-    of_all = fit(torch.ones_like(right))
+    of_all = fit(np.ones_like(right))
     by_relation = {
         relation: fit(relations == relation) for relation in set(relations[right].tolist())
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -17,6 +18,7 @@ from isi.insertion.arguments import Embedder, TripleForms, table, triples_of
 from isi.insertion.engine import Method, NovelEntities
 from isi.models.losses import Loss, TrainingLoss
 from isi.models.model import Model
+from isi.models.stack import Embedding
 from isi.vocabulary import Vocabulary
 
 
@@ -193,7 +195,7 @@ def checked_request(known: KnownEmbedding, request: InsertRequest) -> Checked:
     if names.number == number and labels.number == old:
         raise InputError("argument 'new'", "", "expected at least one new entity")
     novel = NovelEntities(
-        theta=arguments.stack_of_one(rows, relations, model),
+        theta=stack_of_one(rows, relations, model),
         known=number,
         number=names.number - number,
         known_relations=old,
@@ -245,3 +247,16 @@ def _confidence(values: Sequence[float] | np.ndarray | None, triples: int) -> np
         expected = f"expected a number above 0, at most 1, for each of {triples} different triples"
         raise InputError("argument 'confidence'", "", expected)
     return confidence
+
+
+def stack_of_one(
+    entities: np.ndarray | torch.Tensor, relations: np.ndarray, model: Model
+) -> Embedding:
+    """Tables, (E, d) or a tensor (1, E, d), and (R, w), as one float32 embedding.
+    Float32 vectors are not copied.
+    """
+    # values that overflow are refused later; torch warns of a table that is read-only
+    with np.errstate(over="ignore"), warnings.catch_warnings(action="ignore", category=UserWarning):
+        if isinstance(entities, np.ndarray):
+            entities = torch.from_numpy(np.ascontiguousarray(entities, np.float32))[None]
+    return Embedding(entities, torch.from_numpy(np.array(relations, np.float32))[None], model)

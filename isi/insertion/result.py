@@ -17,15 +17,16 @@ from torch.nn.functional import normalize
 
 from isi.config import Count, Seed, check, is_whole, plain_number
 from isi.errors import InputError, cut, short
-from isi.graph.graph import HEAD, TAIL
+from isi.evaluation.platt import Curves
+from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.initializers.api import FALLBACKS, InitResult
 from isi.initializers.scale import Scale
-from isi.insertion.arguments import TripleForms, ids_of, stack_of_one, triples_of
+from isi.insertion.arguments import TripleForms, ids_of, triples_of
 from isi.insertion.engine import Method, NovelEntities, train_together
 from isi.insertion.hidden import HoldOut
 from isi.insertion.interference import Interference, interference_of
-from isi.insertion.probability import Curves, fit_curves
-from isi.insertion.request import Checked
+from isi.insertion.probability import fit_curves
+from isi.insertion.request import Checked, stack_of_one
 from isi.insertion.selection import Selection, named
 from isi.models.losses import loss_named
 from isi.models.model import Model
@@ -404,7 +405,8 @@ class Inserted:
         if not len(ids):
             return np.zeros(0)
         head, relation, tail = torch.from_numpy(ids).T[:, None]
-        return details.curves(details.embedding.score(head, relation, tail)[0], relation[0]).numpy()
+        scores = details.embedding.score(head, relation, tail)[0].numpy()
+        return details.curves(scores, ids[:, RELATION])
 
     @usual_torch()
     def interference(
