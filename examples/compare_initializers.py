@@ -41,7 +41,7 @@ def reciprocal_rank(head: str, relation: str, tail: str) -> float:
 # %% Insert by each initializer, ask, and take the insertion back
 rows = []
 for name in ("xavier", "mean", "es", "rs", "ers", "soft_hybrid", "map"):
-    home.insert(hidden, given.to_numpy().tolist(), initializer=name)
+    home.tell(given, entities=hidden, initializer=name)
     ranks = [reciprocal_rank(*query) for query in queries.itertuples(index=False)]
     harm = home.interference()
     rows.append((name, np.mean(ranks), harm.h_old - harm.h_cur if harm else 0))

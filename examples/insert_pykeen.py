@@ -48,5 +48,5 @@ losses = isi.pykeen.train_on(larger, more, epochs=2)
 
 # %% Or a home, to which a robot adds entities and facts
 home = isi.from_pykeen(model, factory)
-home.insert("microwave", {"at location": "kitchen"})
+home.tell([("microwave", "at location", "kitchen")])
 print(home.ask("microwave", "serves to", top=1))

@@ -14,7 +14,9 @@ documentation says.
 """
 
 import json
+from collections.abc import Sequence
 from contextlib import suppress
+from functools import partial
 
 import rclpy
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
@@ -27,6 +29,11 @@ import isi
 from isi.home.stream import answer, prepared_beside
 
 WAITING = 100  #: Messages that may wait on a topic.
+#: The verbs of each topic, so that ``facts`` has all changes.
+VERBS = {
+    "facts": ("tell", "move", "remove", "undo"),
+    "ask": ("ask", "facts", "nearest", "explain", "history", "stale"),
+}
 
 
 class LiveNode(Node):
@@ -41,12 +48,13 @@ class LiveNode(Node):
         self.answers = self.create_publisher(String, "answers", WAITING)
         changes, questions = MutuallyExclusiveCallbackGroup(), MutuallyExclusiveCallbackGroup()
         for topic, group in (("facts", changes), ("ask", questions)):
-            self.create_subscription(String, topic, self.respond, WAITING, callback_group=group)
+            respond = partial(self.respond, VERBS[topic])
+            self.create_subscription(String, topic, respond, WAITING, callback_group=group)
         self.create_service(Trigger, "undo", self.undo, callback_group=changes)
 
-    def respond(self, request: String) -> None:
+    def respond(self, verbs: Sequence[str], request: String) -> None:
         """Publish the answer to a request; a change is stored by then."""
-        found = answer(self.home, request.data.encode(errors="replace"))
+        found = answer(self.home, request.data.encode(errors="replace"), verbs)
         self.answers.publish(String(data=found.decode().rstrip()))
 
     def undo(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

@@ -16,12 +16,12 @@ home = isi.train(HERE / "home.csv", budget=2)
 print(home)
 
 # %% A new object, from two facts and the words of its name; all other vectors stay as they are
-home.insert("espresso machine", {"atLocation": "kitchen", "hasAffordance": "turn on"})
+home.tell({"espresso machine": {"atLocation": "kitchen", "hasAffordance": "turn on"}})
 for answer in home.ask("espresso machine", "hasAffordance", top=3).answers:
     print(answer)
 
 # %% What one fact more changes, and how to take it back
-home.observe([("espresso machine", "atLocation", "counter top")])
+home.tell([("espresso machine", "atLocation", "counter top")])
 print(home.nearest("espresso machine", 3))
 home.undo()
 

@@ -55,7 +55,7 @@ def quick_choices(of_known: bool = False) -> Iterator[None]:
 
 def facts_of(home: Home) -> dict[Fact, tuple[int, float | None]]:
     """The count and the confidence of each fact that holds."""
-    return {row.fact: (row.count, row.confidence) for row in home.facts}
+    return {row.fact: (row.count, row.confidence) for row in home.facts()}
 
 
 def seen(home: Home) -> Seen:

@@ -94,15 +94,15 @@ def insert_beside_known(facts: Any) -> object:
 
 def live_insert(facts: Any) -> object:
     home = Home(small())
-    home.insert("jug", facts)
-    return [row.fact for row in home.facts[len(TRIPLES) :]]
+    home.tell(facts, entities="jug")
+    return [row.fact for row in home.facts()[len(TRIPLES) :]]
 
 
-def live_observe(facts: Any) -> object:
+def live_tell(facts: Any) -> object:
     home = Home(small())
-    home.insert("jug", [("jug", "atLocation", "bedroom")])
-    home.observe(facts)
-    return [row.fact for row in home.facts[len(TRIPLES) :]]
+    home.tell([("jug", "atLocation", "bedroom")], entities="jug")
+    home.tell(facts, new="refuse")
+    return [row.fact for row in home.facts()[len(TRIPLES) :]]
 
 
 def pykeen_insert(facts: Any) -> object:
@@ -124,7 +124,7 @@ def pykeen_insert(facts: Any) -> object:
         insert,
         insert_beside_known,
         live_insert,
-        live_observe,
+        live_tell,
         pykeen_insert,
     ],
 )

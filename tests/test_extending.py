@@ -90,7 +90,7 @@ def test_an_initializer_serves_commands_and_is_explained(
     vectors.write_text("3 2\nkettle 1 0\nbed 0 1\nteapot 0.8 0.6\n", encoding="utf-8")
     home = ["--home", str(home_of(tmp_path / "home", with_words(small(), vectors))), "--json"]
     main(["tell", "teapot", "atLocation", "bedroom", "--initializer", "nearest", *home])
-    inserted = json.loads(capsys.readouterr().out)["report"]
+    inserted = json.loads(capsys.readouterr().out)["explanation"]
     main(["explain", "teapot", *home])
     explained = json.loads(capsys.readouterr().out)
     for answer in (inserted, explained):
@@ -140,35 +140,6 @@ def test_an_initializer_is_in_figures_by_its_label(monkeypatch: pytest.MonkeyPat
     assert charts.style_of("Nearest")["color"] == "#123456"
     monkeypatch.setitem(charts.PALETTE, "without_line", ["Nearest"])
     assert not any("Nearest" in drawn(panel) for panel in figures.figure3a(by_size))
-
-
-@pytest.mark.parametrize("own", ["own initializer"], indirect=True)
-@pytest.mark.usefixtures("own")
-def test_a_command_takes_the_options_of_an_initializer_from_the_params_of_its_folder(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    home = str(home_of(tmp_path / "home"))
-    command = ["insert", "teapot", "--initializer", "nearest", "--home", home]
-    monkeypatch.chdir(tmp_path)
-
-    def scale(*more: str) -> float:
-        main([*command, "--dry-run", "--json", *more])
-        return float(json.loads(capsys.readouterr().out)["report"]["options"]["scale"])
-
-    assert scale() == 1.0  # its default
-    for listed, expected in (
-        ("nearest: {scale: 0.5}", 0.5),
-        ("es: {k: 3}", 1.0),
-        ("nearest: null", 1.0),
-    ):
-        Path("params.yaml").write_text(f"initializers: {{{listed}}}\n", encoding="utf-8")
-        assert scale() == expected
-    assert scale("--set", "scale=2.0") == 2.0
-    Path("params.yaml").write_text("initializers: {nearest: 3}\n", encoding="utf-8")
-    with pytest.raises(SystemExit, match=r"params\.yaml: initializers\.nearest: .*got 3"):
-        scale()
-    Path("params.yaml").write_text("seed: 3\n", encoding="utf-8")  # of another program
-    assert scale() == 1.0
 
 
 #: A result for 2 models of 16 entities, with 3 novel entities each and 8 numbers in a vector.

@@ -111,7 +111,7 @@ class HomeMachine(RuleBasedStateMachine):
             for _ in self.states[1:]:
                 self.lives[0].undo()
             self.states = self.states[:1]
-            assert {row.fact for row in self.lives[1].facts} == self.now.holding
+            assert {row.fact for row in self.lives[1].facts()} == self.now.holding
             for home in self.lives:
                 home.close()
 
@@ -144,7 +144,7 @@ class HomeMachine(RuleBasedStateMachine):
         if state != before:
             self.states.append(state)
             self.changes += 1
-            last = self.lives[1].history[-1]
+            last = self.lives[1].history()[-1]
             made = {"time": f"{last.time:%Y-%m-%dT%H:%M:%SZ}", "source": last.source}
             assert stamp in (None, made)
 
@@ -161,7 +161,7 @@ class HomeMachine(RuleBasedStateMachine):
     @rule(
         data=st.data(),
         who=WHO,
-        verb=st.sampled_from(["tell", "insert", "upsert", "observe"]),
+        refuse=st.booleans(),
         new=st.lists(st.sampled_from(NEW), max_size=2, unique=True),
         about=ABOUT,
         confidence=st.sampled_from([None, 0.25, 1.0]),
@@ -171,35 +171,28 @@ class HomeMachine(RuleBasedStateMachine):
         self,
         data: st.DataObject,
         who: int,
-        verb: str,
+        refuse: bool,
         new: list[str],
         about: dict[str, Any],
         confidence: float | None,
         stamp: Stamp,
     ) -> None:
-        facts = self.facts(data, self.names(*new), least=verb == "observe")
+        facts = self.facts(data, self.names(*new))
         facts |= {(name, "in", data.draw(self.names())) for name in new if data.draw(st.booleans())}
         ends = {end for head, _, tail in facts for end in (head, tail)}
-        told = ends if verb == "observe" else {*new, *ends}
-        unknown = told - self.now.about.keys() - {*KNOWN.entity_names}
-        has_known = bool(set(new) & self.now.about.keys())
-        wrong = bool(unknown) if verb == "observe" else verb == "insert" and has_known
+        unknown = {*new, *ends} - self.now.about.keys() - {*KNOWN.entity_names}
+        wrong = refuse and bool(unknown)
         state = self.now.told(facts, stamp, confidence)
         state = state._replace(about=state.about | dict.fromkeys(sorted(unknown), about))
         # without facts or words, and with facts between entities of different initializers
         risky = any("initializer" in told for told in state.about.values()) or not facts
         risky |= any(not any(name in fact for fact in facts) for name in unknown)
-        given = {"confidence": confidence, **stamp, **({} if verb == "observe" else about)}
+        options = {"confidence": confidence, "entities": new, **stamp, **about}
+        options["new"] = "refuse" if refuse else "insert"
         with self.refused(wrong or risky):
-            if verb == "observe":
-                effect = self.do(who, "observe", sorted(facts), **given)
-            elif verb == "tell":
-                effect = self.do(who, "tell", sorted(facts), entities=new, new=True, **given)
-            else:
-                given["upsert"] = verb == "upsert"
-                effect = self.do(who, "insert", new, sorted(facts), new=True, **given)
+            effect = self.do(who, "tell", sorted(facts), **options)
             assert not wrong
-            assert effect.known == len(facts & self.now.holding)
+            assert effect.seen == len(facts & self.now.holding)
             self.becomes(state, effect, stamp)
 
     @rule(data=st.data(), who=WHO, named=st.booleans(), stamp=STAMP)
@@ -271,14 +264,14 @@ class HomeMachine(RuleBasedStateMachine):
         rows = {fact: row[1:] for fact, row in self.now.rows.items() if row.holds}
         for home in self.lives:
             assert_same(seen(home), expected)
-            assert {row.fact: astuple(row)[5:] for row in home.facts} == rows
+            assert {row.fact: astuple(row)[5:] for row in home.facts()} == rows
             now, known = home.now, len(KNOWN.entities)
             assert now.entities[:known].tobytes() == KNOWN.entities.tobytes()
             assert now.relations.tobytes() == KNOWN.relations.tobytes()
             assert now.entity_names == [*KNOWN.entity_names, *home.inserted]
             assert sorted(now.named_triples()) == sorted(rows)
-            assert len(home.history) == self.changes
-            assert sum(change.undone for change in home.history) == self.undone
+            assert len(home.history()) == self.changes
+            assert sum(change.undone for change in home.history()) == self.undone
 
     def check_stale(self, home: Home) -> None:
         """A fact that was not seen since training counts as seen then, which is now."""
@@ -312,7 +305,7 @@ class HomeMachine(RuleBasedStateMachine):
             names = [name for name in about if about[name].get("initializer") == initializer][::-1]
             facts = {fact for fact in told if {fact[0], fact[2]} & {*names}}
             kinds = {name: about[name]["kind"] for name in names if "kind" in about[name]}
-            fresh.tell(sorted(facts), entities=names, initializer=initializer, kind=kinds, new=True)
+            fresh.tell(sorted(facts), entities=names, initializer=initializer, kind=kinds)
         fresh.tell(sorted(told, reverse=True))
         fresh.remove(facts=sorted(START.keys() - self.now.holding))
         return fresh

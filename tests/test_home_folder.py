@@ -71,7 +71,7 @@ def test_on_a_full_disk_changes_and_training_are_refused_and_nothing_is_lost(fol
         assert_same(seen(other), after)
     with isi.open(folder) as again:
         assert_same(seen(again), after)
-        assert len(again.history) == 2
+        assert len(again.history()) == 2
 
 
 def test_an_interrupted_change_is_there_if_it_was_committed(
@@ -95,13 +95,13 @@ def test_threads_insert_into_one_home(folder: Path, objects: int) -> None:
     def work(thread: int) -> None:
         for number in range(15):
             name = f"thing {'xy'[thread]} {number}"
-            lives[thread % objects].insert(name, {"in": "e1"}, initializer="mean")
+            lives[thread % objects].tell({name: {"in": "e1"}}, initializer="mean")
             assert name in lives[0].inserted
 
     with ThreadPoolExecutor(2) as threads:
         list(threads.map(work, range(2)))
     for home in (*lives, isi.open(folder)):
-        assert len(home.inserted) == len(home.history) == 30
+        assert len(home.inserted) == len(home.history()) == 30
 
 
 def statements(home: Home, change: Callable[[], object]) -> int:

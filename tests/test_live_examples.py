@@ -34,7 +34,7 @@ def test_the_client_tells_and_asks(home: Path, tmp_path: Path) -> None:
     updated, found = client.stdout.decode().splitlines()
     assert updated == "['espresso machine']"
     assert found.startswith("['turn on'")
-    assert [change.verb for change in isi.open(home).history] == ["tell", "tell", "undo"]
+    assert [change.verb for change in isi.open(home).history()] == ["tell", "tell", "undo"]
 
 
 def test_the_ros_node_answers_on_a_topic_and_by_a_service(
@@ -64,4 +64,4 @@ def test_the_ros_node_answers_on_a_topic_and_by_a_service(
     assert json.loads(undone.result().message)["updated"] == [MACHINE]
     assert not bus.running
     with isi.open(home) as again:
-        assert [row.fact for row in again.facts[4:]] == [(MACHINE, "atLocation", "kitchen")]
+        assert [row.fact for row in again.facts()[4:]] == [(MACHINE, "atLocation", "kitchen")]

@@ -57,7 +57,7 @@ def test_vectors_and_answers_are_those_of_the_model(
         by_rank = sorted(answers, key=rank_of)
         assert [each.score for each in by_rank] == sorted(listed.values(), reverse=True)
     initializer = "map"
-    home.insert("cup", FACTS, initializer=initializer)
+    home.tell(FACTS, entities="cup", initializer=initializer)
     how = {"new": ["cup"], "initializer": initializer, "margin": 0.0}
     done = isi.pykeen.insert(model, known, FACTS, **how).rows
     np.testing.assert_allclose(home.inserted["cup"].vector, done.entities[-1], atol=1e-6)
@@ -74,7 +74,7 @@ def test_what_is_saved_answers_as_before(
     known = ring()
     kinds = {f"e{row}": ("place" if row % 2 else "object") for row in range(ENTITIES)}
     home = isi.from_pykeen(model_of(name, known, **options), known, kinds=kinds)
-    home.insert("cup", FACTS)
+    home.tell(FACTS, entities="cup")
     home.save(tmp_path / "home")
     with isi.open(tmp_path / "home") as again:
         for query in (("cup", "r0", None), ("e3", None, "e4")):
@@ -110,11 +110,11 @@ def test_the_result_of_a_pipeline_serves_and_ids_without_labels_do_not() -> None
 def test_a_model_without_inverse_explains_without_relational_scores() -> None:
     known = ring()
     home = isi.from_pykeen(model_of("tucker", known), known)
-    home.insert("cup", FACTS)
+    home.tell(FACTS, entities="cup")
     indicators = home.explain("cup").indicators
     assert indicators
     assert {each.relations for each in indicators} == {None}
-    assert home.report("cup", top=2).entity == "cup"
+    assert home.explain("cup").entity == "cup"
 
 
 @pytest.mark.parametrize("inverse", [False, True], ids=["", "inverse"])
@@ -128,8 +128,8 @@ def test_a_model_of_pykeen_comes_back_after_any_change(name: str, inverse: bool)
     every, retracted = trained | {*FACTS} | of_mug, min(trained)
     changes: list[tuple[str, tuple[Any, ...], set[Any], list[str]]] = [
         ("tell", ([],), trained, []),
-        ("insert", ("cup", FACTS), trained | {*FACTS}, ["cup"]),
-        ("insert", ("mug", {"r2": ["cup", "e5"]}), every, ["cup", "mug"]),
+        ("tell", (FACTS,), trained | {*FACTS}, ["cup"]),
+        ("tell", ({"mug": {"r2": ["cup", "e5"]}},), every, ["cup", "mug"]),
         ("remove", ("cup",), trained | {("mug", "r2", "e5")}, ["mug"]),
         ("undo", (), every, ["cup", "mug"]),
         ("remove", ((), [retracted]), every - {retracted}, ["cup", "mug"]),

@@ -69,8 +69,8 @@ def training_of_new_rows() -> list[Any]:
 def home() -> list[Any]:
     trained = isi.train(FACTS, model="distmult", dimension=4, budget=0.01)
     home = Home(KNOWN)
-    home.insert("mug", {"in": home.base.entity_names[0]})
-    answers = [home.ask("mug", "in"), home.nearest("mug"), home.explain("mug"), home.report("mug")]
+    home.tell({"mug": {"in": home.base.entity_names[0]}})
+    answers = [home.ask("mug", "in"), home.nearest("mug"), home.explain("mug")]
     return [trained.base.entities, home.now.entities, *answers, home.interference()]
 
 
@@ -97,7 +97,7 @@ def of_pykeen() -> list[Any]:
     inserted = isi.pykeen.insert(model, factory, LATER)
     larger, fitted = inserted.model, inserted.train(epochs=2).model
     home = isi.from_pykeen(model, factory)
-    home.insert("mug", {"near": "thing 1"})
+    home.tell({"mug": {"near": "thing 1"}})
     made = [each for part in (larger, fitted, home.model) for each in part.parameters()]
     return [each.detach().clone().numpy() for each in made] + [home.ask("mug", "near")]
 

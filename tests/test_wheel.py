@@ -216,8 +216,8 @@ def test_insertion_works_in_the_empty_environment(empty: Empty) -> None:
 
 def test_commands_work_in_the_empty_environment(empty: Empty, tmp_path: Path) -> None:
     home = ("--home", str(home_of(tmp_path / "home")))
-    facts = ("--fact", "atLocation", "kitchen", "--fact", "hasAffordance", "turn on")
-    empty.run("isi", "insert", "toaster", *facts, *home)
+    facts = ("toaster", "atLocation", "kitchen", "toaster", "hasAffordance", "turn on")
+    empty.run("isi", "tell", *facts, *home)
     asked = empty.run("isi", "ask", "toaster", "atLocation", *home, "--json")
     assert json.loads(asked)["answers"][0]["entity"] == "kitchen"
     assert "toaster hasAffordance turn on" in empty.run("isi", "explain", "toaster", *home)

@@ -7,7 +7,7 @@ import os
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from itertools import takewhile
+from itertools import chain, takewhile
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -29,20 +29,22 @@ MOST = 200  #: Longest message about the command line, in characters.
 #: By command: its module and function, and the description that ``--help`` shows.
 COMMANDS = {
     "train": ("train:train", "Train a home on your triples or scenes, or a home again."),
+    "import": ("import_:import_", "Make a home of an embedding that another tool trained."),
     "tell": ("entity:tell", "Tell facts; what is not known yet is inserted."),
-    "insert": ("entity:insert", "Insert an entity; report what is predicted about it."),
-    "observe": ("entity:observe", "Tell facts of entities that are known."),
     "move": ("entity:move", "Replace facts by one: what was moved is in one place."),
     "remove": ("entity:remove", "Take inserted entities or facts back."),
-    "undo": ("entity:undo", "Take the last change back."),
-    "history": ("entity:history", "List changes, or facts not seen for long."),
+    "undo": ("entity:undo", "Take a change back: the last one, or that of a source."),
     "ask": (
         "entity:ask",
         "Rank answers: (HEAD, RELATION, ?), (?, RELATION, TAIL), (HEAD, ?, TAIL).",
     ),
+    "facts": ("entity:facts", "List what is known of a thing, or all facts."),
+    "nearest": ("entity:nearest", "List the entities with the most similar vectors."),
     "explain": ("entity:explain", "Explain an insertion: its facts, its words, its indicators."),
+    "history": ("entity:history", "List changes, those that were undone included."),
+    "stale": ("entity:stale", "List facts that were not seen for long."),
+    "save": ("entity:save", "Write a copy of a home into another folder."),
     "live": ("live:live", "Answer facts and questions in JSON lines, at once."),
-    "import": ("import_:import_", "Make a home of an embedding that another tool trained."),
 }
 
 
@@ -88,9 +90,6 @@ HomeFolder = Annotated[
         help="folder of a home, as isi train or isi import writes it",
     ),
 ]
-Top = Annotated[
-    int, Parameter(validator=FROM_ONE, help="maximum number of answers per query, or neighbours")
-]
 Json = Annotated[bool, Parameter(help="print JSON, for programs")]
 Settings = Annotated[
     tuple[str, ...], Parameter(validator=lambda _, texts: settings(texts), show_default=False)
@@ -120,7 +119,7 @@ def main(argv: Sequence[str] | None = None) -> None:
                 if not tokens:
                     raise CycloptsError(f"expected a COMMAND: {', '.join(COMMANDS)}")
                 run, arguments, _ = app.parse_args(
-                    with_whole_facts(tokens), print_error=False, exit_on_error=False
+                    with_facts(tokens), print_error=False, exit_on_error=False
                 )
             except CycloptsError as error:
                 message = " ".join(str(error).split()) + _hint(error)
@@ -141,16 +140,14 @@ def with_standard_input(tokens: Sequence[str]) -> list[str]:
     ]
 
 
-def with_whole_facts(tokens: Sequence[str]) -> list[str]:
-    """A command line in which ``--whole-fact`` stands before three parts of a fact of ``isi
-    insert``, and ``--fact`` before two.
-    """
-    result = list(tokens)
-    for place, typed in enumerate(tokens):
-        parts = list(takewhile(_is_no_option, tokens[place + 1 : place + 4]))
-        if tokens[0] == "insert" and typed == "--fact" and len(parts) == 3:
-            result[place] = "--whole-fact"
-    return result
+def with_facts(tokens: Sequence[str]) -> list[str]:
+    """A command line in which each fact of ``isi tell`` stands behind ``--fact``."""
+    command, *rest = tokens
+    parts = list(takewhile(_is_no_option, rest))
+    if command != "tell" or len(parts) % 3:
+        return list(tokens)
+    facts = (["--fact", *parts[place : place + 3]] for place in range(0, len(parts), 3))
+    return [command, *chain.from_iterable(facts), *rest[len(parts) :]]
 
 
 def _is_no_option(token: str) -> bool:

@@ -84,6 +84,8 @@ class Manifest(Record):
     words: WordSource | None
     #: the loss that it was trained with; None: unknown
     trained_with: LossName | StoredLoss | None = "logistic"
+    #: relations of which an entity has one fact as a head: telling another one moves it
+    functional: list[Text] = Field(default_factory=list)
     made: dict[str, Any]  #: how it was trained, or the files that it was imported from; free form
 
     @property
@@ -171,9 +173,8 @@ def write(folder: Path, bundle: Bundle) -> None:
     for name, table in rows.items():
         files[name] = "".join("\t".join(row) + "\n" for row in (COLUMNS[name], *table)).encode()
     # keys that have the usual value are left out
-    usual = {"trained_with"} if bundle.manifest.trained_with == "logistic" else set()
     manifest = {"format": "isi embedding", "version": 2}
-    manifest |= bundle.manifest.model_dump(exclude=usual)
+    manifest |= bundle.manifest.model_dump(exclude_defaults=True)
     manifest |= bundle.sizes()
     manifest["files"] = {name: sha256(content).hexdigest() for name, content in files.items()}
     text = json.dumps(manifest, indent=2, ensure_ascii=False, allow_nan=False) + "\n"

@@ -1,34 +1,15 @@
-"""What is told to a home, what a change did, and the changes as they are listed."""
+"""What a change of a home did, and the changes as they are listed."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import Annotated, Any, TypedDict
+from typing import Any
 
-from pydantic import BeforeValidator, Field
-
-from isi.config import Section, Seed, check, plain_numbers
+from isi.config import check
 from isi.errors import InputError, short
-from isi.home.bundle import Fact, NewEntity, Text
+from isi.home.bundle import Fact
 from isi.home.database import Database
-from isi.insertion.arguments import listed_triples
-from isi.names import clean
-
-
-def as_time(value: Any) -> Any:
-    """A time with its zone, of a text in ISO 8601, of a datetime (both without a zone: local time,
-    as Python has it) or of seconds since 1970.
-    """
-    typed = value
-    try:
-        if isinstance(value, str):
-            value = datetime.fromisoformat(value)
-        elif isinstance(value, int | float) and not isinstance(value, bool):
-            value = datetime.fromtimestamp(value, UTC)
-        return value.astimezone(UTC) if isinstance(value, datetime) else value
-    except (ValueError, OverflowError, OSError) as error:
-        expected = "expected a time such as 2026-11-25T09:30:00Z, or seconds since 1970"
-        raise ValueError(f"{expected}, got {short(typed)}") from error
+from isi.home.verbs import Confidence
 
 
 def now() -> datetime:
@@ -41,65 +22,6 @@ def as_text(time: datetime) -> str:
     return f"{time.astimezone(UTC).replace(microsecond=0, tzinfo=None).isoformat()}Z"
 
 
-Time = Annotated[datetime, BeforeValidator(as_time)]
-Confidence = Annotated[float, Field(gt=0, le=1)]
-EachText = Text | Mapping[Text, Text] | None  #: For one entity, or by name.
-
-
-class Stamp(Section):
-    """When a change was made, and what reported it."""
-
-    time: Time | None = None
-    source: Text | None = None
-
-
-class TellOptions(Stamp):
-    """What may be told beside facts."""
-
-    definition: EachText = None
-    kind: EachText = None
-    initializer: Text | None = None
-    options: Mapping[str, Any] | None = None
-    seed: Seed = 0
-    confidence: Confidence | None = None
-    new: bool = False
-
-    def about(self, name: str) -> NewEntity:
-        """What is told about a new entity; of texts by name, the one of its name."""
-        definition, kind = (
-            {clean(key): text for key, text in texts.items()}.get(name)
-            if isinstance(texts, Mapping)
-            else texts
-            for texts in (self.definition, self.kind)
-        )
-        return NewEntity(
-            definition=definition,
-            kind=kind,
-            initializer=self.initializer,
-            options=plain_numbers(dict(self.options or {})),
-            seed=self.seed,
-        )
-
-
-class When(TypedDict, total=False):
-    """A ``Stamp`` as a caller's keywords."""
-
-    time: datetime | str | float | None
-    source: str | None
-
-
-class About(When, total=False):
-    """``TellOptions`` as a caller's keywords."""
-
-    definition: str | Mapping[str, str] | None
-    kind: str | Mapping[str, str] | None
-    initializer: str | None
-    options: Mapping[str, Any] | None
-    seed: int
-    confidence: float | None
-    new: bool
-
-
 @dataclass(frozen=True)
 class Effect:
     """What a change did."""
@@ -110,7 +32,7 @@ class Effect:
     relations: list[str] = field(default_factory=list)  #: new ones
     facts: int = 0  #: number of facts that hold now and did not before
     lost: list[Fact] = field(default_factory=list)  #: facts that held before and do not now
-    known: int = 0  #: number of facts that held already, and were seen again
+    seen: int = 0  #: number of facts that held already, and were seen again
     notes: list[str] = field(default_factory=list)  #: sentences
 
 
@@ -179,7 +101,11 @@ def checked_facts(facts: Any, confidence: float | None = None) -> dict[Fact, flo
     An ``InputError`` refuses what is not three texts and perhaps a number.
     """
     confidences = dict[Fact, float | None]()
-    for number, row in enumerate(listed_triples(facts)):
+    if not isinstance(facts, list | tuple):
+        from isi.insertion.arguments import listed_triples  # here, since it loads PyTorch
+
+        facts = listed_triples(facts)
+    for number, row in enumerate(facts):
         parts = list(row) if isinstance(row, list | tuple) or hasattr(row, "tolist") else [row]
         if len(parts) not in (3, 4) or not all(isinstance(part, str) for part in parts[:3]):
             expected = "expected head, relation and tail by name, and perhaps a confidence"

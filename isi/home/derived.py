@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping
 from copy import copy
 from dataclasses import replace
 from functools import cached_property
@@ -11,29 +10,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from isi.config import check
-from isi.errors import InputError, at
+from isi.errors import InputError
 from isi.home.answers import Curve, fit_curve
 from isi.home.bundle import Bundle, Fact
-from isi.home.changes import (
-    Change,
-    Effect,
-    Stamp,
-    TellOptions,
-    When,
-    as_text,
-    changes_of,
-    names_in,
-    now,
-)
+from isi.home.changes import Change, names_in
 from isi.home.choices import Choices
 from isi.home.database import Database, StoredFact
 from isi.home.folder import trained
 from isi.home.inserted import InsertedEntity
 from isi.home.loaded import LoadedEmbedding
-from isi.home.phrases import SAME, phrase_vectors, with_words
-from isi.names import clean, plain
-from isi.vocabulary import NewName, Vocabulary, check_new
+from isi.home.phrases import phrase_vectors, with_words
+from isi.names import plain
+from isi.vocabulary import Vocabulary
 
 if TYPE_CHECKING:  # what inserts needs PyTorch, and questions do without
     from isi.home.explain import Snapshot
@@ -273,24 +261,6 @@ class Derived:
             self._known_relations = Vocabulary("relation", self.database.relations())
         return self._known_relations
 
-    def as_known(self, facts: Mapping[Fact, float | None]) -> dict[Fact, float | None]:
-        """Facts by the names that are known, or else in the form in which names are compared."""
-        named = dict[Fact, float | None]()
-        for (head, relation, tail), confidence in facts.items():
-            label = self.relations.same(relation) or clean(relation)
-            first, last = (self.names.same(end) or clean(end) for end in (head, tail))
-            named[first, label, last] = confidence
-        return named
-
-    def refuse_unknown(self, facts: Iterable[Fact], new: Collection[str] = ()) -> None:
-        """``InputError`` for a fact with an unknown name that is not among the new ones."""
-        for fact in facts:
-            place = " ".join(fact)[:80]
-            for end in (fact[0], fact[2]):
-                if end not in new:
-                    self.names.find(end, place)
-            self.relations.find(fact[1], place)
-
     def inserted(self, name: str) -> str:
         """The name of an inserted entity; InputError for another one."""
         if name not in self.rows:
@@ -298,82 +268,6 @@ class Derived:
             expected = f"expected an entity that was inserted ({there}): known ones stay"
             raise InputError(repr(name)[:80], "", expected)
         return name
-
-    def same_words(self, name: str) -> str | None:
-        """The known entity with the words of a new one, if there is one."""
-        words = self.groups.words(name, None)
-        if words.nearest is None or (words.cosine or 0.0) <= SAME:
-            return None
-        return self.base.entity_names[words.nearest]
-
-
-class Edit:
-    """A change of a home while it is made, in a transaction."""
-
-    def __init__(
-        self, database: Database, derived: Derived, verb: str, stamp: Stamp | When
-    ) -> None:
-        """List the change; ``derived``: what stands before it."""
-        stamp = stamp if isinstance(stamp, Stamp) else check(stamp, Stamp, "", verb)
-        self.database, self.derived = database, derived
-        self.time, self.source = as_text(stamp.time or now()), stamp.source
-        self.number = database.add_change(verb, self.time, self.source)
-
-    def insert_entities(self, names: Sequence[str], options: TellOptions) -> None:
-        """Insert entities that are not known."""
-        kinds = Vocabulary("kind", self.derived.base.kind_numbers)
-        together = Vocabulary("entity", names)
-        for name in names:
-            if not options.new and together.meant(name) is None:
-                expected = "expected one spelling of a new name, or new=True for several"
-                raise InputError(repr(name)[:80], "", expected)
-            like = None if options.new else self.derived.same_words(name)
-            check_new(name, self.derived.names, like, options.new)
-            with at(repr(name)[:80]):
-                about = options.about(name)
-            if about.kind is not None:
-                about = about.model_copy(update={"kind": kinds.find(about.kind)})
-            self.database.add_entity(self.number, name, about)
-
-    def add_relations(self, facts: Iterable[Fact]) -> None:
-        """Insert the relations that two or more facts have and that are not known."""
-        known = self.derived.relations
-        for name, number in Counter(fact[1] for fact in facts).items():
-            if known.same(name) is not None:
-                continue
-            check(name, NewName, "", "relation")
-            if number < 2:
-                expected = "expected a known relation, or two facts or more of a new one"
-                raise InputError(repr(name)[:80], "", expected + known.hint(name))
-            self.database.add_relation(self.number, name)
-
-    def add_facts(self, facts: Mapping[Fact, float | None]) -> None:
-        for fact, confidence in facts.items():
-            self.database.put_fact(self.number, fact, self.time, self.source, confidence)
-
-    def finish(self) -> tuple[Derived, Effect]:
-        """Write the vectors that follow from what was done. What stands then, and what the change
-        did; one without an effect is not listed.
-        """
-        (change,) = changes_of(self.database, self.number)
-        if not change.has_effect:
-            self.database.remove_change(self.number)
-            return self.derived, Effect()
-        derived, computed = self.derived.after(change)
-        notes = [note for entity in computed.values() for note in entity.notes]
-        notes += [f"{' '.join(fact)} counts as seen once less" for fact in change.unseen]
-        notes += derived.choices.warnings()
-        effect = Effect(
-            inserted=change.inserted,
-            updated=[name for name in computed if name not in change.inserted],
-            removed=change.removed,
-            relations=change.relations,
-            facts=len(change.added),
-            lost=change.lost,
-            known=len(change.seen),
-            notes=list(dict.fromkeys(notes)),
-        )
-        return derived, effect
 
 
 def with_own_words(bundle: Bundle) -> LoadedEmbedding:

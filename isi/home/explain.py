@@ -47,6 +47,7 @@ class Explanation:
     kind: str
     facts: list[Fact]
     initializer: str
+    options: Mapping[str, object]
     why: str  #: the reason for this initializer
     words: str  #: where its word vector is from, or why it has none
     notes: list[str]
@@ -154,6 +155,7 @@ def explain(snapshot: Snapshot) -> Explanation:
         row.kind,
         snapshot.facts,
         row.initializer,
+        row.options,
         row.why,
         snapshot.words.note,
         list(row.notes),

@@ -11,10 +11,11 @@ What holds is what the tables of the database say (``isi.home.database``). A ver
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from datetime import datetime
 from pathlib import Path
-from typing import Any, Self, Unpack
+from typing import Any, Literal, Self
 
 from tqdm import tqdm
 
@@ -22,14 +23,15 @@ from isi.config import check
 from isi.errors import InputError
 from isi.home import folder as folders
 from isi.home.bundle import Bundle
-from isi.home.changes import About, Effect, Stamp, TellOptions, When, checked_facts, names_in
+from isi.home.changes import Effect, checked_facts
 from isi.home.database import Database
-from isi.home.derived import Derived, Edit, with_own_words
+from isi.home.derived import Derived, with_own_words
+from isi.home.edit import Edit
 from isi.home.folder import Durability
 from isi.home.loaded import LoadedEmbedding
 from isi.home.phrases import with_words
-from isi.home.questions import Questions, names_of, one_at_a_time, reads
-from isi.names import clean
+from isi.home.questions import Questions, one_at_a_time, reads
+from isi.home.verbs import Move, Remove, Tell, Undo, Verb, checked
 
 
 @contextmanager
@@ -82,91 +84,55 @@ class Home(Questions):
         facts: Any = (),
         *,
         entities: str | Sequence[str] = (),
-        **about: Unpack[About],
+        new: Literal["insert", "refuse"] = "insert",
+        definition: str | Mapping[str, str] | None = None,
+        kind: str | Mapping[str, str] | None = None,
+        confidence: float | None = None,
+        initializer: str | None = None,
+        options: Mapping[str, Any] | None = None,
+        seed: int = 0,
+        time: datetime | str | float | None = None,
+        source: str | None = None,
     ) -> Effect:
         """Tell facts: what is not known yet is inserted, and what is known is seen once more.
 
-        A relation that is not known is new if two or more of the facts have it.
+        A name means the known one that differs in case, or in spaces, hyphens and underscores
+        between letters, alone (``CoffeeMachine``: coffee machine); ``Effect.notes`` say so. A
+        relation that is not known is new if two or more of the facts have it. A fact of a
+        functional relation takes the place of the others with its head.
 
         Args:
             facts: triples by name; a fourth part is a confidence.
             entities: further new entities, which are inserted by their words alone.
-            **about: ``definition``: a sentence for the word vector; by name for several entities.
-                So is ``kind``; without it, the kind follows from the facts, or else from the most
-                similar words.
-                ``initializer``: None: the best for hidden known entities with as many facts.
-                ``options`` replace its defaults. ``seed``: of a random initializer.
-                ``confidence``: how far the facts are believed, above 0 and at most 1; MAP weighs
-                them by it. ``new``: insert names that look like known ones ("Forks" beside
-                "fork"), too. ``time``: when it was seen; None: now. Without a zone, it is local
-                time. ``source``: what reported it.
+            new: ``refuse``: names that are not known are an error.
+            definition: a sentence for the word vector; by name for several entities.
+            kind: so is this; None: it follows from the facts, or else from the most similar words.
+            confidence: how far the facts are believed, above 0 and at most 1; MAP weighs them by
+                it.
+            initializer: None: the best for hidden known entities with as many facts.
+            options: replace its defaults.
+            seed: of a random initializer.
+            time: when it was seen; None: now. Without a zone, it is local time.
+            source: what reported it.
 
         Example:
             >>> effect = home.tell([("mug", "in", "kitchen"), ("lamp", "in", "bedroom")])
-            >>> effect.inserted, effect.facts, effect.known
+            >>> effect.inserted, effect.facts, effect.seen
             (['mug'], 1, 1)
+            >>> home.tell([("Mug", "in", "bedroom")]).notes[0]
+            "'Mug' is taken for 'mug'"
         """
-        options = check(about, TellOptions, "", "tell")
-        names = names_of(entities)
-        told = self.derived.as_known(checked_facts(facts, options.confidence))
-        named = names_in(told, names)
-        self._refuse_texts_of_others(options, named)
-        edit = self._edit("tell", options)
-        new = [name for name in named if self.derived.names.same(name) is None]
-        edit.insert_entities(new, options)
-        edit.add_relations(told)
-        edit.add_facts(told)
+        verb = checked(Tell, locals())
+        edit = self._edit(verb)
+        for name in verb.entities:
+            edit.entity(name)
+        named = edit.named(checked_facts(facts, verb.confidence))
+        if verb.new == "refuse":
+            edit.refuse_new()
+        edit.insert_entities(verb)
+        edit.add_relations(named)
+        edit.add_facts(named)
         return self._finished(edit)
-
-    @changes
-    def insert(
-        self,
-        entities: str | Sequence[str],
-        facts: Any = (),
-        *,
-        upsert: bool = False,
-        **about: Unpack[About],
-    ) -> Effect:
-        """``tell`` that names the new entities, so that no other unknown name is accepted; the
-        other arguments are those of ``tell``.
-
-        Args:
-            entities: a name, or several.
-            facts: triples; for one entity also its tails by relation,
-                ``{"atLocation": "kitchen"}``.
-            upsert: of an entity that is known already, only the facts are added.
-
-        Example:
-            >>> facts = [("mug", "in", "kitchen"), ("sofa", "in", "bedroom")]
-            >>> effect = home.insert(["mug", "sofa"], facts)
-            >>> effect.inserted, effect.facts
-            (['mug', 'sofa'], 2)
-        """
-        names, facts = names_of(entities), _whole(facts)
-        if isinstance(facts, Mapping) and not any(map(_is_mapping, facts.values())):
-            if len(names) != 1 and facts:
-                expected = "expected facts by name: tails by relation are of one entity"
-                raise InputError("facts", "", expected)
-            facts = dict.fromkeys(names, facts)
-        present = [name for name in names if self.derived.names.same(name) is not None]
-        if present and not upsert:
-            refused = f"expected a new name: {present[0]!r:.80} is known; use tell"
-            raise InputError(repr(present[0])[:80], "", refused)
-        self.derived.refuse_unknown(self.derived.as_known(checked_facts(facts)), names)
-        return self.tell(facts, entities=names, **about)
-
-    @changes
-    def observe(self, facts: Any, *, upsert: bool = False, **about: Unpack[About]) -> Effect:
-        """``tell`` of entities that are known, unless ``upsert``.
-
-        Example:
-            >>> home.observe([("lamp", "in", "kitchen")]).facts
-            1
-        """
-        facts = _whole(facts)
-        if not upsert:
-            self.derived.refuse_unknown(self.derived.as_known(checked_facts(facts)))
-        return self.tell(facts, **about)
 
     @changes
     def move(
@@ -176,10 +142,11 @@ class Home(Questions):
         tail: str,
         *,
         instead_of: str | None = None,
-        **stamp: Unpack[When],
+        time: datetime | str | float | None = None,
+        source: str | None = None,
     ) -> Effect:
         """Replace the facts with this head and relation by one fact:
-        ``move("mug", "atLocation", "desk")``.
+        ``move("mug", "atLocation", "desk")``. A tail that is not known yet is inserted.
 
         ``instead_of``: replace the fact with this tail alone. An ``InputError`` refuses one that
         does not hold.
@@ -188,18 +155,20 @@ class Home(Questions):
             >>> home.move("lamp", "in", "kitchen").lost
             [('lamp', 'in', 'bedroom')]
         """
-        told = self.derived.as_known({(head, relation, tail): None})
-        (fact,) = told
-        edit = self._edit("move", stamp)
-        self.derived.refuse_unknown(told)
-        replaced = [row.fact for row in self.database.facts_of(fact[0])]
-        replaced = [other for other in replaced if other[:2] == fact[:2]]
-        if instead_of is not None:
-            replaced = [(*fact[:2], self.derived.names.same(instead_of) or clean(instead_of))]
-        for other in replaced:
-            if other != fact:
-                self.database.take_fact(edit.number, other)
-        edit.add_facts(told)
+        verb = checked(Move, locals())
+        edit = self._edit(verb)
+        named = edit.named({(verb.head, verb.relation, verb.tail): None})
+        ((head, relation, tail),) = named
+        self.derived.names.find(head)
+        edit.refuse_new(entities=False)
+        edit.insert_entities(checked(Tell, {}))
+        if verb.instead_of is None:
+            edit.replace(head, relation, tail)
+        else:
+            replaced = head, relation, edit.entity(verb.instead_of)
+            if replaced[2] != tail:
+                self.database.take_fact(edit.number, replaced)
+        edit.add_facts(named)
         return self._finished(edit)
 
     @changes
@@ -207,7 +176,9 @@ class Home(Questions):
         self,
         entities: str | Sequence[str] = (),
         facts: Any = (),
-        **stamp: Unpack[When],
+        *,
+        time: datetime | str | float | None = None,
+        source: str | None = None,
     ) -> Effect:
         """Take inserted entities back with all their facts, or single facts.
 
@@ -219,32 +190,48 @@ class Home(Questions):
             >>> home.remove(facts=[("lamp", "in", "bedroom")]).lost
             [('lamp', 'in', 'bedroom')]
         """
-        names, lost = names_of(entities), self.derived.as_known(checked_facts(facts))
-        edit = self._edit("remove", stamp)
-        self.derived.refuse_unknown(lost)
+        verb = checked(Remove, locals())
+        edit = self._edit(verb)
+        lost = edit.named(checked_facts(facts))
+        names = dict.fromkeys(edit.entity(name) for name in verb.entities)
+        edit.refuse_new()
         for fact in lost:
             self.database.take_fact(edit.number, fact)
         for name in names:
-            known = self.derived.names.find(name)
-            self.database.remove_entity(edit.number, self.derived.inserted(known))
+            self.database.remove_entity(edit.number, self.derived.inserted(name))
         return self._finished(edit)
 
     @changes
-    def undo(self, **stamp: Unpack[When]) -> Effect:
+    def undo(
+        self,
+        *,
+        change: int | None = None,
+        source: str | None = None,
+        time: datetime | str | float | None = None,
+    ) -> Effect:
         """Take the last change back, a second time the one before;
         an ``InputError`` if there is none since training.
 
+        Args:
+            change: the number of the change to take back, as ``history`` lists it.
+            source: take back the last change that this has reported.
+            time: when it is done; None: now.
+
         Example:
-            >>> effect = home.tell([("mug", "in", "kitchen")])
-            >>> home.undo().removed
-            ['mug']
+            >>> effect = home.tell([("mug", "in", "kitchen")], source="camera")
+            >>> effect = home.tell([("mug", "in", "bedroom")], source="Ann")
+            >>> home.undo().lost
+            [('mug', 'in', 'bedroom')]
         """
-        edit = self._edit("undo", stamp)
+        verb = checked(Undo, locals())
+        edit = self._edit(verb)
         self.database.put_back(edit.number)
         return self._finished(edit)
 
-    def _edit(self, verb: str, stamp: Stamp | When) -> Edit:
-        return Edit(self.database, self.derived, verb, stamp)
+    def _edit(self, verb: Verb) -> Edit:
+        fields = dict(verb)
+        source = None if isinstance(verb, Undo) else fields["source"]
+        return Edit(self.database, self.derived, verb.name(), fields["time"], source)
 
     def _finished(self, edit: Edit) -> Effect:
         self.derived, effect = edit.finish()
@@ -272,7 +259,7 @@ class Home(Questions):
         None: of a home in a folder, all is there already.
 
         Example:
-            >>> effect = home.insert("mug", {"in": "kitchen"})
+            >>> effect = home.tell([("mug", "in", "kitchen")])
             >>> home.save("a home")
             >>> list(isi.open("a home").inserted)
             ['mug']
@@ -311,14 +298,6 @@ class Home(Questions):
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _refuse_texts_of_others(self, options: TellOptions, named: Collection[str]) -> None:
-        """``InputError`` for a definition or a kind by a name that is neither told nor known."""
-        for argument, texts in (("definition", options.definition), ("kind", options.kind)):
-            for name in texts if isinstance(texts, Mapping) else ():
-                if clean(name) not in named and self.derived.names.same(name) is None:
-                    expected = f"expected names of entities that are told, got {name!r:.80}"
-                    raise InputError(f"argument {argument!r}", "", expected)
-
 
 def open_home(folder: str | Path, durability: Durability = "full") -> Home:
     """Open the home of a folder, as ``isi train``, ``isi import`` or ``save`` writes it.
@@ -349,12 +328,3 @@ def open_home(folder: str | Path, durability: Durability = "full") -> Home:
     except BaseException:
         database.close()
         raise
-
-
-def _whole(facts: Any) -> Any:
-    """Facts that can be read twice."""
-    return list(facts) if isinstance(facts, Iterator) else facts
-
-
-def _is_mapping(value: object) -> bool:
-    return isinstance(value, Mapping)

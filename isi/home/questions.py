@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
 
-from isi.config import Count, Seed, as_list, check
+from isi.config import Count, Seed, check
 from isi.errors import InputError
 from isi.graph.graph import HEAD, TAIL
 from isi.home.answers import Answers, answer, answer_relation
@@ -23,8 +23,7 @@ from isi.home.database import Database, StoredFact
 from isi.home.derived import Derived
 from isi.home.inserted import InsertedEntity
 from isi.home.loaded import LoadedEmbedding, Query
-from isi.insertion.arguments import naming_argument
-from isi.names import clean
+from isi.home.verbs import History, KnownFacts, NameList, Stale, checked
 
 if TYPE_CHECKING:  # PyTorch takes a second to import, and most questions do without
     from isi.home.explain import Explanation, Report
@@ -139,24 +138,24 @@ class Questions:
         return replace(answer(now, query, top, curve, new=new, among=ids), notes=notes)
 
     @reads
-    def nearest(self, entity: str, number: int = 10) -> list[tuple[str, float]]:
-        """The ``number`` other entities with the highest cosine to an entity, and these cosines.
+    def nearest(self, entity: str, top: int = 10) -> list[tuple[str, float]]:
+        """The ``top`` other entities with the highest cosine to an entity, and these cosines.
 
         Example:
             >>> [entity for entity, cosine in home.nearest("cup", 2)]
             ['pan', 'fork']
         """
-        check(number, Count, "", "argument 'number'")
+        check(top, Count, "", "argument 'top'")
         names = self.now.entity_names
         row = self.now.names.ids[self._queried(entity)]
-        return [(names[other], cosine) for other, cosine in self.now.nearest(row, number)]
+        return [(names[other], cosine) for other, cosine in self.now.nearest(row, top)]
 
     @reads
     def explain(self, entity: str) -> Explanation:
         """Why an inserted entity is where it is: its facts, its words and its indicators.
 
         Example:
-            >>> effect = home.insert("mug", {"in": "kitchen"}, initializer="rs", options={"k": 3})
+            >>> effect = home.tell([("mug", "in", "kitchen")], initializer="rs", options={"k": 3})
             >>> explanation = home.explain("mug")
             >>> sorted(indicator.entity for indicator in explanation.indicators)
             ['cup', 'fork', 'pan']
@@ -174,7 +173,7 @@ class Questions:
         with the ``top`` best answers to each query.
 
         Example:
-            >>> effect = home.insert("mug", {"in": "kitchen"}, initializer="mean")
+            >>> effect = home.tell([("mug", "in", "kitchen")], initializer="mean")
             >>> report = home.report("mug")
             >>> report.facts, report.initializer, report.why
             ([('mug', 'in', 'kitchen')], 'mean', 'as named')
@@ -198,7 +197,7 @@ class Questions:
         that hold.
 
         Example:
-            >>> effect = home.insert("mug", {"in": "kitchen"}, initializer="mean")
+            >>> effect = home.tell([("mug", "in", "kitchen")], initializer="mean")
             >>> measured = home.interference(["mug"])
             >>> measured.queries, measured.h_cur <= measured.h_old
             (12, True)
@@ -211,9 +210,8 @@ class Questions:
         now, known = self.now, len(self.base.entities)
         if not len(self.known_triples) or not self.derived.rows:
             return None
-        names = dict.fromkeys(
-            self.derived.inserted(self._queried(name)) for name in names_of(entities)
-        )
+        queried = map(self._queried, check(entities, NameList, "", "argument 'entities'"))
+        names = dict.fromkeys(map(self.derived.inserted, queried))
         chosen = [now.names.ids[name] for name in names]
         part = now.part(np.array([*range(known), *chosen])) if chosen else now
         with usual_torch():
@@ -252,25 +250,27 @@ class Questions:
         """The inserted entities by name, in order.
 
         Example:
-            >>> effect = home.insert("mug", {"in": "kitchen"})
+            >>> effect = home.tell([("mug", "in", "kitchen")])
             >>> list(home.inserted)
             ['mug']
         """
         return dict(self.derived.rows)
 
-    @property
-    def facts(self) -> list[StoredFact]:
-        """The facts that hold: those of training, then those that were added, with count,
-        confidence, times and source.
+    @reads
+    def facts(self, entity: str | None = None) -> list[StoredFact]:
+        """The facts that hold, of an entity or all: those of training, then those that were told,
+        with count, confidence, times and source.
 
         Example:
             >>> effect = home.tell([("mug", "in", "kitchen")], source="camera", confidence=0.8)
-            >>> row = home.facts[-1]
+            >>> (row,) = home.facts("mug")
             >>> row.fact, row.status, row.confidence, row.source
             (('mug', 'in', 'kitchen'), 'added', 0.8, 'camera')
         """
-        with self._lock:
+        verb = checked(KnownFacts, locals())
+        if verb.entity is None:
             return self.database.facts()
+        return self.database.facts_of(self._queried(verb.entity))
 
     @property
     @reads
@@ -289,30 +289,36 @@ class Questions:
         """The bundle with all inserted entities in its last rows, and all facts that hold."""
         return self.derived.now
 
-    @property
-    def history(self) -> list[Change]:
-        """All changes since the first training, those that were undone included.
+    @reads
+    def history(self, last: int | None = None) -> list[Change]:
+        """The changes since the first training, those that were undone included; ``last``: so many
+        alone.
 
         Example:
             >>> effect = home.tell([("mug", "in", "kitchen")])
-            >>> [(change.verb, change.added) for change in home.history]
+            >>> [(change.verb, change.added) for change in home.history()]
             [('tell', [('mug', 'in', 'kitchen')])]
         """
-        with self._lock:
-            return changes_of(self.database, FIRST_TRAINING + 1)
+        verb = checked(History, locals())
+        changes = changes_of(self.database, FIRST_TRAINING + 1)
+        return changes if verb.last is None else changes[-verb.last :]
 
     @reads
-    def stale(self, age: timedelta, since: datetime | None = None) -> list[StoredFact]:
+    def stale(
+        self, age: timedelta | str, since: datetime | str | float | None = None
+    ) -> list[StoredFact]:
         """The facts that hold and were not seen for some time before ``since`` (None: now), the
         oldest first. One that was not seen since training counts as seen then.
 
+        ``age``: such as ``30d``, ``12h``.
+
         Example:
-            >>> from datetime import timedelta
-            >>> [row.fact for row in home.stale(timedelta(days=30))]
+            >>> [row.fact for row in home.stale("30d")]
             []
         """
+        verb = checked(Stale, locals())
         try:
-            before = as_text((since or now()) - age)
+            before = as_text((verb.since or now()) - verb.age)
         except OverflowError as error:
             raise InputError("argument 'age'", "", f"expected fewer years, got {age}") from error
         return self.database.facts_not_seen_since(before)
@@ -332,12 +338,3 @@ class Questions:
         """The known entity that a question is about; without ``notes``, a warning says which."""
         note = partial(warnings.warn, stacklevel=4) if notes is None else notes.append
         return self.derived.now.names.queried(name, note)
-
-
-def names_of(entities: str | Sequence[str]) -> list[str]:
-    """Names, cleaned, once each."""
-    if isinstance(entities, str):
-        return [clean(entities)]
-    with naming_argument("entities"):
-        names: list[str] = as_list(entities, str, "a list of names")
-    return list(dict.fromkeys(clean(name) for name in names))

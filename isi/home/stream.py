@@ -1,9 +1,9 @@
 """Requests to a home as lines of JSON, from standard input or a Unix socket,
 and the line that answers each.
 
-A request has one key of ``VERBS``, perhaps what goes with this verb, and perhaps an ``id``, which
-the answer repeats: ``{"ask": ["mug", "atLocation", null], "top": 3, "id": 7}``. docs/live.md lists
-them.
+A request has one verb as a key (``isi.home.verbs``), perhaps its fields, and perhaps an ``id``,
+which the answer repeats: ``{"ask": ["mug", "atLocation", null], "top": 3, "id": 7}``. docs/live.md
+lists them.
 """
 
 import json
@@ -11,199 +11,90 @@ import multiprocessing
 import os
 import socket as sockets
 import traceback
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from datetime import timedelta
 from pathlib import Path
 from socketserver import StreamRequestHandler, ThreadingUnixStreamServer
-from typing import Annotated, Any, Literal, NoReturn
+from typing import Any, NoReturn
 
-from pydantic import BeforeValidator, Field, TypeAdapter
 from pydantic_core import from_json, to_json
 
-from isi.config import Count, Section, check
+from isi.config import check
 from isi.errors import InputError, at, short, unwritable
-from isi.home.bundle import Text
-from isi.home.changes import Confidence, Effect, Stamp, TellOptions
+from isi.home.answers import Answers
+from isi.home.changes import Effect
 from isi.home.home import Home, open_home
-from isi.insertion.arguments import listed_triples
+from isi.home.verbs import VERBS, Ask, Verb
 from isi.process import become_worker
 
 LONGEST = 2**20  #: Maximum number of bytes of a request to a socket.
 MOST_QUERIES = 10_000  #: In one request.
-#: Seconds of each unit of an age: ``30d``, ``12h``.
-UNITS = {"s": 1, "m": 60, "h": 3600, "d": 86400, "w": 604800}
 
 
-def as_age(text: Any) -> Any:
-    """A duration of a text such as ``30d``, ``12h``, ``90m``."""
-    if not isinstance(text, str):
-        return text
-    number, unit = text[:-1], text[-1:]
-    if not (number.isdecimal() and len(number) < 5 and unit in UNITS):
-        raise ValueError(f"expected a number and one of {', '.join(UNITS)}, as in 30d")
-    return timedelta(seconds=int(number) * UNITS[unit])
+def _verbs(request: dict[str, Any], allowed: Collection[str]) -> list[Verb]:
+    """What a request says: a verb, or several questions."""
+    present = set(allowed) & request.keys()
+    # `facts` is a verb, and a field of two others
+    names = [name for name in present if present - {name} <= VERBS[name].model_fields.keys()]
+    if len(names) != 1:
+        expected = f"expected one of {', '.join(allowed)}"
+        raise InputError("", "", f"{expected}, got {short(list(request))}")
+    (name,) = names
+    value = request.pop(name)
+    is_several = isinstance(value, list) and value and all(isinstance(row, list) for row in value)
+    if name != Ask.name() or not is_several:
+        return [_verb(name, value, request)]
+    if len(value) > MOST_QUERIES:
+        raise InputError("", name, f"expected at most {MOST_QUERIES:,} queries, got {len(value):,}")
+    return [_verb(name, query, request) for query in value]
 
 
-def _as_names(names: Any) -> Any:
-    return [names] if isinstance(names, str) else [] if names is True else names
+def _verb(name: str, value: Any, options: Mapping[str, Any]) -> Verb:
+    """The verb of a request. The value of its key fills the first fields; ``true``: none."""
+    kind, fields = VERBS[name], dict(options)
+    values = value if len(kind.places) > 1 else [value]
+    if value is not True:
+        if not isinstance(values, list) or len(values) != len(kind.places):
+            expected = ", ".join(kind.places) or "true"
+            raise InputError("", name, f"expected {expected}, got {short(value)}")
+        for field, each in zip(kind.places, values, strict=True):
+            if fields.setdefault(field, each) is not each:
+                raise InputError("", field, f"expected this once: it is the value of {name}, too")
+    return check(fields, kind, "", "")
 
 
-def _by_name(entities: Any) -> Any:
-    names = _as_names(entities)
-    of_texts = isinstance(names, list) and all(isinstance(name, str) for name in names)
-    return {name: {} for name in names} if of_texts else names
+def _fields(name: str, result: Any) -> Mapping[str, Any]:
+    """The fields of the answer with the result of a verb."""
+    if isinstance(result, Effect):
+        return vars(result)
+    if isinstance(result, Answers):
+        fields = {"query": result.query, "sure": result.sure, "answers": result.answers}
+        return fields | ({"notes": result.notes} if result.notes else {})
+    return {name: result}
 
 
-def _as_queries(queries: Any) -> Any:
-    is_single = isinstance(queries, list) and not any(isinstance(part, list) for part in queries)
-    return [queries] if is_single and queries else queries
+def answer(home: Home, line: bytes, verbs: Collection[str] = VERBS.keys()) -> bytes:
+    """The line that answers a request with one of some verbs: what was done or found.
 
-
-Age = Annotated[timedelta, BeforeValidator(as_age)]
-#: A name, several, or ``true`` for none.
-JsonNames = Annotated[list[Text], BeforeValidator(_as_names)]
-JsonFact = Annotated[list[Text], Field(min_length=3, max_length=3)]
-#: None is what is asked for
-JsonQuery = Annotated[list[Text | None], Field(min_length=3, max_length=3)]
-
-JsonAnswer = Mapping[str, Any]  #: The fields of an answer.
-
-
-class Request(Section):
-    """A request without its ``id``: a verb and what may go with it, named after a method of
-    ``Home`` and its parameters.
-    """
-
-    def first(self, value: Any) -> Sequence[Any]:
-        """The first arguments of the method, by the value of the verb's key; ``true``: none."""
-        return [] if value is True else [value]
-
-    def result(self, home: Home, verb: str) -> JsonAnswer:
-        """Do what is asked; the fields of the answer."""
-        options = dict(self)
-        first = self.first(options.pop(verb))
-        effect: Effect = getattr(home, verb)(*first, **options)
-        return vars(effect)
-
-
-class Tell(Request, TellOptions):
-    tell: list[list[Any]]
-    entities: JsonNames = Field([])
-
-
-class Insert(Request, TellOptions):
-    #: names alone, or tails by name and relation
-    insert: Annotated[dict[Text, dict[Text, JsonNames]], BeforeValidator(_by_name)]
-    facts: list[list[Any]] = Field([])
-    upsert: bool = False
-
-    def result(self, home: Home, verb: str) -> JsonAnswer:
-        facts = [*listed_triples(self.insert), *self.facts]
-        options = dict(self) | {"facts": facts}
-        del options[verb]
-        return vars(home.insert(list(self.insert), **options))
-
-
-class Observe(Request, Stamp):
-    observe: list[list[Any]]
-    upsert: bool = False
-    confidence: Confidence | None = None
-
-
-class Move(Request, Stamp):
-    move: JsonFact
-    instead_of: Text | None = None
-
-    def first(self, value: Any) -> Sequence[Any]:
-        """Head, relation and tail."""
-        return list(value)
-
-
-class Remove(Request, Stamp):
-    remove: JsonNames
-    facts: list[JsonFact] = Field([])
-
-
-class Undo(Request, Stamp):
-    undo: Literal[True]
-
-
-class Ask(Request):
-    #: one query, or several
-    ask: Annotated[list[JsonQuery], BeforeValidator(_as_queries), Field(max_length=MOST_QUERIES)]
-    top: Count = 10
-    new: bool = False
-    among: list[Text] | None = None
-
-    def result(self, home: Home, verb: str) -> JsonAnswer:
-        options = dict(self)
-        results = []
-        for query in options.pop(verb):
-            best = home.ask(*query, **options)
-            fields = {"query": best.query, "sure": best.sure, "answers": best.answers}
-            results.append(fields | ({"notes": best.notes} if best.notes else {}))
-        return results[0] if len(results) == 1 else {"results": results}
-
-
-class Explain(Request):
-    explain: Text
-
-    def result(self, home: Home, verb: str) -> JsonAnswer:
-        return {verb: home.explain(self.explain)}
-
-
-class History(Request):
-    history: Literal[True]
-    #: facts that were not seen for so long, instead of changes
-    stale: Age | None = None
-
-    def result(self, home: Home, verb: str) -> JsonAnswer:
-        if self.stale is not None:
-            return {"stale": home.stale(self.stale)}
-        return {verb: home.history}
-
-
-#: Requests by verb, the key that each of them must have.
-VERBS: dict[str, type[Request]] = {
-    "tell": Tell,
-    "insert": Insert,
-    "observe": Observe,
-    "move": Move,
-    "remove": Remove,
-    "undo": Undo,
-    "ask": Ask,
-    "explain": Explain,
-    "history": History,
-}
-
-
-def answer(home: Home, line: bytes) -> bytes:
-    """The line that answers a request: what was done or found.
-
-    ``notes`` say which known name a question is about if it has another spelling. A request that
-    is refused has the key ``error`` in its answer, and nothing has changed. So has
-    one that fails unexpectedly (``internal: ...``); its traceback goes to standard error.
+    ``notes`` say which known name another spelling was taken for. A request that is refused has the
+    key ``error`` in its answer, and nothing has changed. So has one that fails unexpectedly
+    (``internal: ...``); its traceback goes to standard error.
     """
     label: dict[str, Any] = {}
     try:
         with at("request"):
             request = _parsed(line)
             label = _label(request)
-            verbs = VERBS.keys() & request.keys()
-            if len(verbs) != 1:
-                expected = f"expected one of {', '.join(VERBS)}"
-                raise InputError("", "", f"{expected}, got {short(list(request))}")
-            (verb,) = verbs
-            checked = check(request, VERBS[verb], "", "")
-        result = checked.result(home, verb)
+            requested = _verbs(request, verbs)
+        answers = [_fields(verb.name(), verb.of(home)) for verb in requested]
+        result = answers[0] if len(answers) == 1 else {"results": answers}
         return to_json(label | dict(result), inf_nan_mode="null") + b"\n"
     except InputError as error:
         result = {"error": str(error)}
     except Exception as error:  # a fault of ours must not end the process, which serves others
         traceback.print_exception(error)
         result = {"error": f"internal: {type(error).__name__}: {short(str(error))}"}
-    return to_json(label | result) + b"\n"
+    return to_json(label | dict(result)) + b"\n"
 
 
 def _label(request: dict[str, Any]) -> dict[str, Any]:
@@ -337,7 +228,3 @@ def _is_served(socket: Path) -> bool:
         except OSError:
             return False
     return True
-
-
-#: A duration of a text, for the command.
-AGE: TypeAdapter[timedelta] = TypeAdapter(Age)

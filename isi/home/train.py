@@ -268,7 +268,7 @@ def train_again(home: Home, vectors: Path | None = None, **options: Any) -> Trai
 
 def tables_of_home(home: Home) -> GraphTables:
     """The graph of the facts that hold in a home, with their counts, kinds and phrases."""
-    rows, now = home.facts, home.now
+    rows, now = home.facts(), home.now
     facts = [(*row.fact, row.count) for row in rows]
     frame = pd.DataFrame(facts, columns=[*TRIPLE, COUNT])
     tables = build_tables(MinedSource("home", frame, Naming()(frame, ())))

@@ -29,7 +29,7 @@ class PykeenHome(Home):
 
     Example:
         >>> home = isi.from_pykeen(model, factory)
-        >>> effect = home.insert("mug", {"in": "kitchen"})
+        >>> effect = home.tell({"mug": {"in": "kitchen"}})
         >>> home.model.num_entities, home.factory.entity_to_id["mug"]
         (5, 4)
         >>> effect = home.undo()
@@ -107,7 +107,7 @@ def from_pykeen(
 
     Example:
         >>> home = isi.from_pykeen(model, factory)
-        >>> home.insert("mug", {"in": "kitchen"}).inserted
+        >>> home.tell({"mug": {"in": "kitchen"}}).inserted
         ['mug']
     """
     model, known, _ = of_result(model, factory, ())

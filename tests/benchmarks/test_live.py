@@ -27,12 +27,12 @@ RELATIONS = ["at", "of", "for"]
 MANY = 10_000  #: Facts between known entities, in a long life.
 WAYS = [
     "isi.insert",
-    "insert",
-    "observe",
-    "observe, 10,000 facts",
-    "observe and ask, 10,000 facts",
+    "tell a new entity",
+    "tell",
+    "tell, 10,000 facts",
+    "tell and ask, 10,000 facts",
     "ask",
-    "observe, pipe",
+    "tell, pipe",
     "ask, pipe",
 ]
 CHANGES = 100_000  #: In the history of a home.
@@ -81,7 +81,7 @@ def of_object(bundle: Bundle, way: str) -> Callable[[], object]:
     if "10,000" in way:
         home.tell(long_life(bundle))
     for number in range(OBJECTS):
-        home.insert(f"object {number}", [(f"object {number}", "at", "e144")], initializer="map")
+        home.tell([(f"object {number}", "at", "e144")], initializer="map")
     if way == "isi.insert":
         ids = [[ENTITIES, 0, 144], [ENTITIES, 1, 5]]
         return lambda: isi.insert(
@@ -93,24 +93,25 @@ def of_object(bundle: Bundle, way: str) -> Callable[[], object]:
             known_triples=bundle.triples,
             initializer="map",
         )
-    if way == "insert":
-        names = (f"new {number}" for number in count())
-        return lambda: home.insert(
-            name := next(names), [(name, "at", "e144"), (name, "of", "e5")], initializer="map"
-        )
 
-    def observe() -> object:
-        return home.observe([fact(next(numbers))])
+    def tell_new() -> object:
+        name = f"new {next(numbers)}"
+        return home.tell([(name, "at", "e144"), (name, "of", "e5")], initializer="map")
+
+    def tell() -> object:
+        return home.tell([fact(next(numbers))])
 
     def ask() -> object:
         return home.ask("object 0", "at")
 
-    def observe_and_ask() -> object:
-        return observe(), ask()
+    def tell_and_ask() -> object:
+        return tell(), ask()
 
-    if way.startswith("observe and ask"):
-        return observe_and_ask
-    return observe if way.startswith("observe") else ask
+    if way == "tell a new entity":
+        return tell_new
+    if way.startswith("tell and ask"):
+        return tell_and_ask
+    return tell if way.startswith("tell") else ask
 
 
 @pytest.fixture
@@ -129,7 +130,7 @@ def pipe(bundle: Bundle, tmp_path: Path) -> Iterator[Callable[[Any], Any]]:
 
         for number in range(OBJECTS):
             name = f"object {number}"
-            assert "error" not in send({"insert": {name: {"at": "e144"}}, "initializer": "map"})
+            assert "error" not in send({"tell": [[name, "at", "e144"]], "initializer": "map"})
         yield send
         requests.close()
 
@@ -148,9 +149,7 @@ def test_by_pipe(benchmark: Any, pipe: Callable[[Any], Any], way: str) -> None:
     benchmark.extra_info.update(what=way)
     ask = way.startswith("ask")
     benchmark.pedantic(
-        lambda: pipe(
-            {"ask": ["object 0", "at", None]} if ask else {"observe": [fact(next(numbers))]}
-        ),
+        lambda: pipe({"ask": ["object 0", "at", None]} if ask else {"tell": [fact(next(numbers))]}),
         rounds=200,
         warmup_rounds=40,
     )

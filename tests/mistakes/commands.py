@@ -43,6 +43,6 @@ def own_files() -> None:
 
 
 COMMAND_CASES = [
-    Typed("a long name", f"insert {'x' * 1001} --fact atLocation bed", "name"),
+    Typed("a long name", f"tell {'x' * 1001} atLocation bed", "name"),
     Typed("a folder whose name is too long", f"undo --home {LARGEST}", "xxx...xxx"),
 ]

@@ -45,7 +45,7 @@ def fact_of(way: str, number: int) -> Fact:
 def tell(folder: Path) -> Iterator[int]:
     """Tell a home fact after fact."""
     with isi.open(folder) as home:
-        for number in count(len(home.facts) - len(TRAINED)):
+        for number in count(len(home.facts()) - len(TRAINED)):
             home.tell([fact_of("tell", number)], initializer="map")
             yield number
 
@@ -53,7 +53,7 @@ def tell(folder: Path) -> Iterator[int]:
 def train(folder: Path) -> Iterator[int]:
     """Tell a home fact after fact, and train it again after each."""
     with isi.open(folder) as home:
-        for number in count(len(home.facts) - len(TRAINED)):
+        for number in count(len(home.facts()) - len(TRAINED)):
             home.tell([fact_of("train", number)])
             home.train_again((KNOWN, NEGATIVE)[number % 2])
             yield number
@@ -117,7 +117,7 @@ def check(folder: Path, way: str, acknowledged: int) -> None:
     """
     try:
         with isi.open(folder) as home:
-            number = len(home.facts) - len(TRAINED)
+            number = len(home.facts()) - len(TRAINED)
             facts = [fact_of(way, each) for each in range(number)]
             whole = home_of_facts(facts if way == "tell" else [], home.base)
             if way != "create" and number < acknowledged:
