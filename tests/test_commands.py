@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 import yaml
 
+import isi
 from isi.__main__ import main
 from isi.cli import COMMANDS, lines
 from tests.small_bundle import NAMES, home_of, small, worded
@@ -66,6 +67,20 @@ def lay_out(session: dict[str, Any]) -> None:
     for name, content in session.get("files", {}).items():
         Path(name).parent.mkdir(exist_ok=True)
         Path(name).write_text(content, encoding="utf-8")
+
+
+def test_the_folder_of_the_user_is_meant_by_a_tilde_that_no_shell_expands(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path / "me"))
+    printed(capsys, "save", "~/copy")
+    monkeypatch.setenv("ISI_HOME", "~/copy")
+    for options in ([], ["--home=~/copy"], ["--home", "~/copy"]):
+        assert "kitchen" in printed(capsys, "ask", "kettle", "atLocation", *options)
+    with isi.open("~/copy") as home:
+        home.save("~/another")
+    assert {path.name for path in (tmp_path / "me").iterdir()} == {"copy", "another"}
+    assert not Path("~").exists()
 
 
 @pytest.mark.parametrize("title", SESSIONS)

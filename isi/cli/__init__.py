@@ -103,7 +103,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # threads of NumPy take 0.1 s to start
     with errors_in_one_line("isi"):
-        tokens = with_standard_input(sys.argv[1:] if argv is None else argv)
+        tokens = with_paths(sys.argv[1:] if argv is None else argv)
         app = App(
             name="isi",
             help="Insert entities into knowledge-graph embeddings, and query them.",
@@ -131,13 +131,21 @@ def main(argv: Sequence[str] | None = None) -> None:
             run(*arguments.args, **arguments.kwargs)
 
 
-def with_standard_input(tokens: Sequence[str]) -> list[str]:
-    """A command line with the path of standard input in place of each file ``-``."""
+def with_paths(tokens: Sequence[str]) -> list[str]:
+    """A command line with the path of standard input in place of each file ``-``, and that of the
+    user's folder in place of ``~``, which a shell leaves behind an equals sign.
+    """
     reads_files = bool(tokens) and tokens[0] == "train"
-    return [
-        "/dev/stdin" if part == "-" and (reads_files or before == "--from") else part
-        for before, part in zip(["", *tokens], tokens, strict=False)
-    ]
+    paths = list[str]()
+    for before, part in zip(["", *tokens], tokens, strict=False):
+        option, _, path = part.rpartition("=")
+        if part == "-" and (reads_files or before == "--from"):
+            paths.append("/dev/stdin")
+        elif path.startswith("~/"):
+            paths.append(f"{option}{'=' * bool(option)}{Path(path).expanduser()}")
+        else:
+            paths.append(part)
+    return paths
 
 
 def with_facts(tokens: Sequence[str]) -> list[str]:

@@ -25,7 +25,7 @@ from isi.models.stack import usual_torch
 from isi.names import plain
 from isi.vocabulary import ids_by_name
 
-NO_WORDS = PhraseVector(None, "this embedding has no word vectors", None, None)
+NO_WORDS = PhraseVector(None, "this embedding has no word vectors")
 
 
 @dataclass(frozen=True, eq=False)

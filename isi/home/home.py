@@ -273,7 +273,7 @@ class Home(Questions):
         if folder is None and self.folder is None:
             raise InputError("save", "", "expected a folder: this home is in memory")
         if folder is not None:
-            folders.write_to(Path(folder), self.database, self.base)
+            folders.write_to(Path(folder).expanduser(), self.database, self.base)
 
     def train_again(self, bundle: Bundle) -> None:
         """Make a newly trained embedding that of this home; ``isi.train(home)`` calls it."""
@@ -319,7 +319,7 @@ def open_home(folder: str | Path, durability: Durability = "full") -> Home:
         >>> isi.open("the home").ask("mug", "in").answers[0].entity
         'kitchen'
     """
-    path = Path(folder)
+    path = Path(folder).expanduser()
     check(durability, Durability, "", "argument 'durability'")  # type: ignore[arg-type]
     database = folders.opened(path, durability)
     try:

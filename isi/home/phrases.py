@@ -4,7 +4,7 @@ or from the vocabulary of words.md.
 
 import os
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
 from importlib.util import find_spec
@@ -35,19 +35,13 @@ LEAST, LEAST_OF_PHRASES = 0.3, 0.4
 HEAD_NOUN = 0.5
 #: What may follow the head noun, or the verb of an affordance: "bag of chips", "turn on".
 AFTER_HEAD = {"at", "down", "for", "from", "in", "of", "off", "on", "out", "to", "up", "with"}
-#: Two phrases of a higher cosine by the vocabulary are probably names of one thing. (The sentence
-#: model's cosine of a name and a known phrase with its definition is below 0.8 even where they
-#: are.)
-SAME = 0.9
 
 
 class PhraseVector(NamedTuple):
-    """The word vector of a phrase, and the most similar known entity."""
+    """The word vector of a phrase."""
 
     vector: np.ndarray | None  #: float32, shape (v,); None without usable words
     note: str  #: the source of the vector, or why there is none
-    nearest: int | None = None  #: the known entity of the highest cosine; None without words
-    cosine: float | None = None  #: that cosine, or by ``PhraseVectors.total``
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,10 +53,6 @@ class PhraseVectors:
     #: the vector, (v,), of a phrase and its definition, or zeros
     embed: Callable[[str, str | None], np.ndarray]
     least: float = LEAST
-    phrases: Sequence[str] = ()  #: the known ones, for ``total``
-    #: the vector of a text, (v,), in which head nouns weigh as much as other words; None: the
-    #: cosines of ``embed`` stand
-    total: Callable[[str], np.ndarray] | None = None
     missing: str = ""  #: why a new phrase gets no vector; empty if it does
 
     @property
@@ -81,19 +71,14 @@ class PhraseVectors:
         vector = self.embed(phrase, definition)
         if not vector.any():
             return PhraseVector(None, f"{self.source} has no word of {phrase!r}")
-        cosines = self._unit @ unit(vector)
-        nearest, best = int(cosines.argmax()), float(cosines.max())
+        best = float((self._unit @ unit(vector)).max())
         if best >= self.least:
-            cosine = best
-            if self.total is not None:
-                known = self.total(self.phrases[nearest])
-                cosine = float(unit(self.total(phrase)) @ unit(known))
-            return PhraseVector(vector, f"by {self.source}", nearest, cosine)
+            return PhraseVector(vector, f"by {self.source}")
         note = (
             f"{phrase!r} is unlike all known phrases: its highest cosine is {best:.2f}, "
             f"by {self.source}"
         )
-        return PhraseVector(None, note, nearest, best)
+        return PhraseVector(None, note)
 
     def alike(self, phrase: str, definition: str | None = None) -> np.ndarray | None:
         """The cosines of a phrase's head noun with known entities, (E,), 0 without words;
@@ -145,25 +130,14 @@ def phrase_vectors(bundle: Bundle) -> PhraseVectors | None:
         least = LEAST_OF_PHRASES if origin.text == "phrase" else LEAST
         return PhraseVectors(words, origin, by_model, least)
     if origin == SHIPPED:
-        vocabulary = shipped()
-        return PhraseVectors(
-            words, origin, vocabulary.vector, phrases=bundle.phrases, total=vocabulary.total
-        )
+        return PhraseVectors(words, origin, shipped().vector)
     path = Path(origin.source)
     if origin.source == "shipped":
         path = paths.shipped_vectors(origin.text)
     missing = "" if path.is_file() else f"{path}, which has its word vectors, is not there"
     if not missing and not find_spec("gensim"):
         missing = "word vectors of a file need gensim: pip install 'isi-kge[words-file]'"
-    in_file = partial(_look_up, path)
-    return PhraseVectors(
-        words,
-        origin,
-        partial(_of_file, path),
-        phrases=bundle.phrases,
-        total=in_file,
-        missing=missing,
-    )
+    return PhraseVectors(words, origin, partial(_of_file, path), missing=missing)
 
 
 def _of_file(path: Path, phrase: str, _: str | None) -> np.ndarray:
