@@ -4,9 +4,12 @@ plug-ins register by name.
 
 import importlib
 import inspect
+import json
 import pkgutil
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
+from json.decoder import JSONObject  # type: ignore[attr-defined]
+from json.scanner import py_make_scanner  # type: ignore[attr-defined]
 from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, ClassVar, Generic, Self, TypeVar, cast, get_type_hints
@@ -125,6 +128,53 @@ def read(path: Path) -> dict[str, Any]:
     if not isinstance(raw, dict):
         raise InputError(path, "", "expected a mapping of keys to values")
     return raw
+
+
+def check_keys(text: str) -> None:
+    """``InputError`` for JSON with a key that stands twice in an object, with the line in which the
+    object begins: parsers keep the last of its values. Other text passes.
+
+    Example:
+        >>> from isi.config import check_keys
+        >>> check_keys('{"rooms": [], "rooms": []}')
+        Traceback (most recent call last):
+        isi.errors.InputError: line 1: expected each key once, got 'rooms' twice
+    """
+    try:
+        json.loads(text, object_pairs_hook=_keys_once)
+    except InputError:
+        _PlacedDecoder().decode(text)
+        raise
+    except (ValueError, RecursionError):
+        return
+
+
+def _keys_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    result = dict[str, Any]()
+    for key, value in pairs:
+        if key in result:
+            raise InputError("", "", f"expected each key once, got {short(key)} twice")
+        result[key] = value
+    return result
+
+
+class _PlacedDecoder(json.JSONDecoder):
+    """``_keys_once`` with the line; Python's own scanner is slower than that of C, which knows no
+    place.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(object_pairs_hook=_keys_once)
+        self.parse_object = self._object_at
+        self.scan_once = py_make_scanner(self)
+
+    def _object_at(self, place: tuple[str, int], *how: Any) -> Any:
+        text, start = place
+        try:
+            return JSONObject(place, *how)
+        except InputError as error:
+            line = error.place or f"line {1 + text.count(chr(10), 0, start)}"
+            raise InputError("", line, error.message) from error
 
 
 def check(value: Any, kind: type[T], key: str, path: Path | str = paths.PARAMS) -> T:

@@ -21,7 +21,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter
 from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
-from isi.config import LARGEST, Name, Option, Seed
+from isi.config import LARGEST, Name, Option, Seed, check_keys
 from isi.errors import InputError, at, short
 from isi.names import check_text, name_fault
 from isi.tables.io import atomically
@@ -190,6 +190,7 @@ def read(folder: Path) -> Bundle:
         with at(folder / name):
             files[name] = (folder / name).read_bytes()
     with at(folder / MANIFEST):
+        check_keys(files[MANIFEST].decode())
         manifest = ManifestFile.model_validate_json(files[MANIFEST])
     for name in (VECTORS, *COLUMNS):
         if manifest.files.get(name) != sha256(files[name]).hexdigest():

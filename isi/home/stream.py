@@ -19,7 +19,7 @@ from typing import Any, NoReturn
 
 from pydantic_core import from_json, to_json
 
-from isi.config import check
+from isi.config import check, check_keys
 from isi.errors import InputError, at, short, unwritable
 from isi.home.answers import Answers
 from isi.home.changes import Effect
@@ -119,7 +119,8 @@ def _parsed(line: bytes) -> dict[str, Any]:
     """
     try:
         text = line.decode("utf-8-sig")
-        request = json.loads(text, object_pairs_hook=_keys_once, parse_constant=_refuse_constant)
+        check_keys(text)
+        request = json.loads(text, parse_constant=_refuse_constant)
     except UnicodeDecodeError:
         raise  # ``at`` says where
     except (ValueError, RecursionError) as error:
@@ -127,15 +128,6 @@ def _parsed(line: bytes) -> dict[str, Any]:
     if not isinstance(request, dict):
         raise InputError("", "", f"expected an object in JSON, got {short(request)}")
     return request
-
-
-def _keys_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    result = dict[str, Any]()
-    for key, value in pairs:
-        if key in result:
-            raise InputError("", "", f"expected each key once, got {short(key)} twice")
-        result[key] = value
-    return result
 
 
 def _refuse_constant(name: str) -> NoReturn:

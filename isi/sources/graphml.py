@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import warnings
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
-from xml.etree.ElementTree import ParseError
+from xml.etree.ElementTree import ParseError, fromstring
 
 from isi import config
 from isi.config import Count
-from isi.errors import InputError, at, cut
+from isi.errors import InputError, at, cut, short
 from isi.names import clean
 from isi.sources import Mining, Observation, reader
 from isi.sources.names import Label, Naming
@@ -20,7 +20,10 @@ from isi.sources.readers import read_text
 #: Descriptions of counts.
 PREDICTIONS = "edges dropped that are predictions (with a rank)"
 SHARED = "nodes that share a label, named as LABEL (ID)"
-LABELS = ("label", "name")  #: Attributes that name a node; yEd, igraph, Gephi and Neo4j write one.
+#: Attributes that name a node, in any case; yEd, igraph, Gephi, Neo4j and RDF tools write one.
+LABELS = ("label", "name", "title", "uri", "description")
+USED = ("kind", "phrase")  #: Other attributes of a node.
+USED_OF_EDGES = ("relation", "label", "count", "rank", "id")
 
 
 @reader("graphml", Naming(), path="path", suffixes=(".graphml",))
@@ -30,7 +33,8 @@ def graphml(mining: Mining, path: str, names: str | None = None) -> Iterator[Obs
 
     ``names``: the attribute of nodes that names them, or ``id``; None: the first of ``LABELS`` that
     a node has. A node without it is named by its id, and nodes that share a name by both.
-    Attributes ``kind`` and ``phrase`` are those of the entity.
+    Attributes ``kind`` and ``phrase`` are those of the entity. Others are counted, and not used: a
+    weight of an edge is no count.
     """
     graph = _read(path)
     mining.name_entities = named = Naming()
@@ -55,6 +59,9 @@ def graphml(mining: Mining, path: str, names: str | None = None) -> Iterator[Obs
             if key in attributes:
                 with at(path, f"node {cut(name)}"):
                     by_name[name] = config.check(attributes[key], Label, key, "")
+    edges = [attributes for *_, attributes in graph.edges(data=True)]
+    mining.counts.update(_not_used("nodes", nodes.values(), {*map(str.casefold, sought), *USED}))
+    mining.counts.update(_not_used("edges", edges, USED_OF_EDGES))
     for place, (head, tail, attributes) in enumerate(graph.edges(data=True), 1):
         if "rank" in attributes:
             mining.counts[PREDICTIONS] += 1
@@ -69,16 +76,31 @@ def graphml(mining: Mining, path: str, names: str | None = None) -> Iterator[Obs
         yield None, None, None, name_of[head], relation, name_of[tail], count
 
 
+def _not_used(
+    things: str, attributes: Iterable[dict[str, Any]], used: Collection[str]
+) -> Counter[str]:
+    """The number of values of each attribute of nodes or edges that is not used, described."""
+    names = (name for values in attributes for name in values)
+    return Counter(f"{name} of {things}, not used" for name in names if name.casefold() not in used)
+
+
 def _read(path: str) -> Any:
-    """The graph of a file; InputError unless it is GraphML with directed edges."""
+    """The graph of a file; InputError unless it is GraphML with directed edges, and each id of a
+    node once.
+    """
     import networkx as nx  # imported here: few calls need it
 
     text = read_text(Path(path), "GraphML, which is read as a whole,")
     try:
         with warnings.catch_warnings(action="ignore"):  # of attributes without a type
             graph: Any = nx.parse_graphml(text, force_multigraph=True)
+        nodes = fromstring(text).findall(".//{*}node")  # noqa: S314  # networkx has parsed it just so
+        ids = Counter(node.get("id") for node in nodes)
     except (nx.NetworkXError, ParseError, ValueError, KeyError, TypeError) as error:
         raise InputError(path, "", f"expected GraphML ({cut(str(error), 120)})") from error
+    for node, number in ids.items():
+        if number > 1:
+            raise InputError(path, f"node {short(node)}", "expected each id of a node once")
     if not graph.is_directed():
         expected = "expected edgedefault directed: an edge leads from head to tail"
         raise InputError(path, "graph", expected)
@@ -86,7 +108,10 @@ def _read(path: str) -> Any:
 
 
 def _label(attributes: dict[str, Any], names: Sequence[str]) -> str:
-    """The first attribute that is there, in one line; yEd's labels may have several."""
-    sought = (str(attributes[name]) for name in names if name in attributes)
+    """The first attribute that is there, in any case and in one line; yEd's labels may have
+    several.
+    """
+    values = {name.casefold(): value for name, value in reversed(attributes.items())}
+    sought = (str(values[name.casefold()]) for name in names if name.casefold() in values)
     texts = (clean(" ".join(text.split())) for text in sought)
     return next(filter(None, texts), "")

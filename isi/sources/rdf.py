@@ -135,7 +135,7 @@ def _label(graph: Graph, node: Node, counts: Counter[str]) -> str | None:
 
     for label in sorted(graph.objects(node, RDFS.label), key=str):
         text = clean(" ".join(str(label).split()))
-        if (getattr(label, "language", None) or "en").partition("-")[0] != "en":
+        if (getattr(label, "language", None) or "en").casefold().partition("-")[0] != "en":
             continue
         if not name_fault(text):
             return text

@@ -131,10 +131,11 @@ def _is_json(text: bytes) -> bool:
 
 def parse_json(form: type[T], content: bytes | str, path: object, place: str = "") -> T:
     """Parse JSON as a value of type ``form``; InputError names ``path``,
-    ``place`` and the wrong key.
+    ``place`` and the wrong key, or one that stands twice.
     """
     with at(path, place):
-        text = content.removeprefix(codecs.BOM_UTF8) if isinstance(content, bytes) else content
+        text = content.decode("utf-8-sig") if isinstance(content, bytes) else content
+        config.check_keys(text)
         return config.adapter(form).validate_json(text, strict=True)
 
 

@@ -86,7 +86,11 @@ def spark_dsg(
     layers = LAYERS | graph.layer_names
     spaces = graph.metadata.labelspaces if graph.metadata else {}
     label_of = {layers.get(key, key): dict(pairs) for key, pairs in spaces.items()}
-    nodes, located = {node.id: node for node in graph.nodes}, 0
+    nodes, located = dict[int, Any](), 0
+    for number, node in enumerate(graph.nodes):
+        if nodes.setdefault(node.id, node) is not node:
+            expected = f"expected each id once, got {node.id} twice"
+            raise InputError(path, f"nodes.{number}", expected)
     above = _above(path, nodes, graph.edges)
     numbers = {node.attributes.semantic_label for node in graph.nodes}
     names_of_nodes = {node.attributes.name for node in graph.nodes}
