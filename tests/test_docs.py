@@ -123,7 +123,7 @@ bed
 ```console
 $ isi import mine --model distmult --out imported
 $ isi ask kettle near --home imported
-$ sqlite3 imported/home.sqlite "select name, trained, kind from entity where id = 0"
+$ sqlite3 imported/home.sqlite "select name, status, kind from entity where row = 0"
 {}```
 
 No output, so none is made:

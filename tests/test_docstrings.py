@@ -31,7 +31,7 @@ NO_EXAMPLE = {
     "isi.insertion.selection.Selection",
     "isi.home.changes.Change",
     "isi.home.changes.Effect",
-    "isi.home.database.StoredFact",
+    "isi.home.facts.StoredFact",
     *(
         f"isi.home.home.Home.{name}"
         for name in ("close", "folder", "now", "prepare", "train_again")

@@ -143,7 +143,7 @@ def test_a_home_that_cannot_be_written_can_be_asked(
     with isi.open(folder) as home:
         assert_same(seen(home), expected)
         assert home.explain("mug").indicators
-        with pytest.raises(InputError, match="readonly"):
+        with pytest.raises(InputError, match="may not write"):
             home.tell([MUG])
     assert files(folder) == before
 

@@ -29,6 +29,7 @@ MOST = 200  #: Longest message about the command line, in characters.
 #: By command: its module and function, and the description that ``--help`` shows.
 COMMANDS = {
     "train": ("train:train", "Train a home on your triples or scenes, or a home again."),
+    "check": ("check:check", "Check that a home is whole: pages, keys, trained vectors."),
     "import": ("import_:import_", "Make a home of an embedding that another tool trained."),
     "tell": ("entity:tell", "Tell facts; what is not known yet is inserted."),
     "move": ("entity:move", "Replace facts by one: what was moved is in one place."),

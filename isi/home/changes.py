@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
+from datetime import datetime
 from typing import Any
 
 from isi.config import check
@@ -10,16 +10,6 @@ from isi.errors import InputError, short
 from isi.home.bundle import Fact
 from isi.home.database import Database
 from isi.home.verbs import Confidence
-
-
-def now() -> datetime:
-    """The time of a change that gives none: in UTC, to the second."""
-    return datetime.now(UTC).replace(microsecond=0)
-
-
-def as_text(time: datetime) -> str:
-    """A time as the database holds it: in UTC, to the second, so that texts order as times do."""
-    return f"{time.astimezone(UTC).replace(microsecond=0, tzinfo=None).isoformat()}Z"
 
 
 @dataclass(frozen=True)
@@ -62,32 +52,32 @@ class Change:
         return any([self.inserted, self.removed, *facts])
 
 
-#: The list of a ``Change`` that has what an effect was on; and that of a change that undoes it.
+#: The list of a ``Change`` that has what an effect was on.
 LISTS = {
-    "inserted": ("inserted", "removed"),
-    "removed": ("removed", "inserted"),
-    "new relation": ("relations", ""),
-    "added": ("added", "lost"),
-    "restored": ("added", "lost"),
-    "taken": ("lost", "added"),
-    "retracted": ("lost", "added"),
-    "seen": ("seen", "unseen"),
-    "believed": ("seen", "unseen"),
+    "inserted": "inserted",
+    "removed": "removed",
+    "new relation": "relations",
+    "added": "added",
+    "restored": "added",
+    "taken": "lost",
+    "retracted": "lost",
+    "seen": "seen",
+    "believed": "seen",
+    "unseen": "unseen",
 }
 
 
 def changes_of(database: Database, first: int = 0) -> list[Change]:
     """The changes of a home from a number on, in order."""
     changes = dict[int, Change]()
-    for number, verb, time, source, undone, undoes, effect, *item in database.effects(first):
+    for number, verb, time, source, undone, _, effect, *item in database.effects(first):
         new = Change(number, verb, datetime.fromisoformat(time), source, undone is not None)
         change = changes.setdefault(number, new)
         if effect is None:
             continue
         entity, head, relation, tail = item
         subject = (head, relation, tail) if head else entity or relation
-        if name := LISTS[effect][undoes is not None]:
-            getattr(change, name).append(subject)
+        getattr(change, LISTS[effect]).append(subject)
         if effect == "believed":
             change.believed.append(subject)
         change.training |= effect in ("restored", "retracted")

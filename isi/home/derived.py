@@ -15,7 +15,8 @@ from isi.home.answers import Curve, fit_curve
 from isi.home.bundle import Bundle, Fact
 from isi.home.changes import Change, names_in
 from isi.home.choices import Choices
-from isi.home.database import Database, StoredFact
+from isi.home.database import Database
+from isi.home.facts import StoredFact
 from isi.home.folder import trained
 from isi.home.inserted import InsertedEntity
 from isi.home.loaded import LoadedEmbedding

@@ -9,9 +9,10 @@ from datetime import datetime
 from isi.config import check, plain_numbers
 from isi.errors import InputError, at
 from isi.home.bundle import Fact, NewEntity
-from isi.home.changes import Effect, as_text, changes_of, now
+from isi.home.changes import Effect, changes_of
 from isi.home.database import Database
 from isi.home.derived import Derived
+from isi.home.times import as_text
 from isi.home.verbs import Tell
 from isi.names import clean
 from isi.vocabulary import NewName, Vocabulary, loose
@@ -30,7 +31,8 @@ class Edit:
     ) -> None:
         """List the change; ``derived``: what stands before it."""
         self.database, self.derived = database, derived
-        self.time, self.source = as_text(time or now()), source
+        self.time = as_text(time) if time else database.next_time()
+        self.source = source
         self.number = database.add_change(verb, self.time, source)
         self.new_entities = dict[str, str]()  #: names that are not known, by their loose form
         self.new_relations = dict[str, str]()

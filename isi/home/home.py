@@ -24,6 +24,7 @@ from isi.errors import InputError
 from isi.home import folder as folders
 from isi.home.bundle import Bundle
 from isi.home.changes import Effect, checked_facts
+from isi.home.connection import DatabaseFailure
 from isi.home.database import Database
 from isi.home.derived import Derived, with_own_words
 from isi.home.edit import Edit
@@ -31,6 +32,7 @@ from isi.home.folder import Durability
 from isi.home.loaded import LoadedEmbedding
 from isi.home.phrases import with_words
 from isi.home.questions import Questions, one_at_a_time, reads
+from isi.home.undo import put_back
 from isi.home.verbs import Move, Remove, Tell, Undo, Verb, checked
 
 
@@ -38,8 +40,12 @@ from isi.home.verbs import Move, Remove, Tell, Undo, Verb, checked
 def _change(home: Home) -> Iterator[None]:
     before = home.derived
     try:
-        with home.database.transaction():
+        with home.database.transaction(waiting=0):
             yield
+    except DatabaseFailure as error:
+        if not error.is_locked:
+            home.derived = before.outdated()
+        raise
     except BaseException:
         home.derived = before.outdated()
         raise
@@ -225,7 +231,7 @@ class Home(Questions):
         """
         verb = checked(Undo, locals())
         edit = self._edit(verb)
-        self.database.put_back(edit.number)
+        put_back(self.database, edit.number)
         return self._finished(edit)
 
     def _edit(self, verb: Verb) -> Edit:
@@ -273,19 +279,16 @@ class Home(Questions):
         if folder is None and self.folder is None:
             raise InputError("save", "", "expected a folder: this home is in memory")
         if folder is not None:
-            folders.write_to(Path(folder).expanduser(), self.database, self.base)
+            folders.write_to(Path(folder).expanduser(), self.database)
 
     def train_again(self, bundle: Bundle) -> None:
         """Make a newly trained embedding that of this home; ``isi.train(home)`` calls it."""
-        loaded, before = with_words(LoadedEmbedding(**vars(bundle))), self.derived
-        training = folders.training(self.database, loaded, keep=True)
-        with self._lock:
-            try:
-                with training as change:
-                    self.derived = Derived(self.database, loaded).with_all_inserted(change)
-            except BaseException:
-                self.derived = before.outdated()
-                raise
+        self._take_training(with_words(LoadedEmbedding(**vars(bundle))))
+
+    @changes
+    def _take_training(self, loaded: LoadedEmbedding) -> None:
+        change = self.database.put_training(loaded, None, keep=True)
+        self.derived = Derived(self.database, loaded).with_all_inserted(change)
 
     def close(self) -> None:
         """Close the home. What is done with it afterwards is an ``InputError``."""

@@ -18,11 +18,14 @@ from isi.config import Count, Seed, check
 from isi.errors import InputError
 from isi.graph.graph import HEAD, TAIL
 from isi.home.answers import Answers, answer, answer_relation
-from isi.home.changes import Change, as_text, changes_of, now
-from isi.home.database import Database, StoredFact
+from isi.home.changes import Change, changes_of
+from isi.home.connection import patiently
+from isi.home.database import Database
 from isi.home.derived import Derived
+from isi.home.facts import StoredFact
 from isi.home.inserted import InsertedEntity
 from isi.home.loaded import LoadedEmbedding, Query
+from isi.home.times import as_text, now
 from isi.home.verbs import History, KnownFacts, NameList, Stale, checked
 
 if TYPE_CHECKING:  # PyTorch takes a second to import, and most questions do without
@@ -38,12 +41,12 @@ def one_at_a_time(
     begin: Callable[[Any], AbstractContextManager[Any]],
 ) -> Callable[[Callable[Concatenate[Any, P], R]], Callable[Concatenate[Any, P], R]]:
     """Decorates methods of which one thread runs one at a time, after what other processes have
-    changed is taken over; ``begin``: what it sees or writes is of one moment.
+    changed is taken over; ``begin``: what it sees or writes is of one moment. While another program
+    writes, others run.
     """
 
     def decorate(method: Callable[Concatenate[Any, P], R]) -> Callable[Concatenate[Any, P], R]:
-        @wraps(method)
-        def locked(self: Any, /, *args: P.args, **kwargs: P.kwargs) -> R:
+        def once(self: Any, /, *args: P.args, **kwargs: P.kwargs) -> R:
             with self._lock:
                 if self._is_inside:
                     return method(self, *args, **kwargs)
@@ -54,6 +57,10 @@ def one_at_a_time(
                         return method(self, *args, **kwargs)
                 finally:
                     self._is_inside = False
+
+        @wraps(method)
+        def locked(self: Any, /, *args: P.args, **kwargs: P.kwargs) -> R:
+            return patiently(partial(once, self, *args, **kwargs))
 
         return locked
 

@@ -12,8 +12,6 @@ from tests.mistakes.calls import Typed
 from tests.mistakes.commands import HOME
 from tests.small_bundle import edit, small, tamper, written
 
-FACT = "INSERT INTO fact (head, relation, tail, status) VALUES "
-
 
 def edited(statements: str) -> Callable[[], object]:
     """A function that changes the database."""
@@ -25,27 +23,15 @@ def edited(statements: str) -> Callable[[], object]:
     return edit
 
 
-def vectors() -> Path:
-    (file,) = HOME.glob("vectors-*")
-    return file
-
-
 #: Texts of the message, and the function that breaks the home.
 HOMES: list[tuple[str, Callable[[], object]]] = [
-    ("/vectors-|No such file", lambda: vectors().unlink()),
-    ("/vectors-|digest", lambda: vectors().write_bytes(vectors().read_bytes()[:-1])),
-    (
-        "home.sqlite|another program",
-        edited(
-            "DROP VIEW now; DROP VIEW history; DROP TABLE effect; DROP TABLE setting; "
-            "PRAGMA user_version = 0"
-        ),
-    ),
+    ("home.sqlite|trained relations|missing", edited("DELETE FROM trained WHERE rows = 2")),
+    ("home.sqlite|trained entities|digest", edited("UPDATE trained SET columns = 2 * columns")),
+    ("home.sqlite|another program", edited("DROP VIEW now; DROP VIEW history; DROP TABLE setting")),
+    ("home.sqlite|another program", edited("PRAGMA application_id = 7")),
     ("home.sqlite|newer", edited("PRAGMA user_version = 99")),
-    ("home.sqlite|fact|'sofa'", edited(f"{FACT} ('sofa', 'atLocation', 'bed', 'trained')")),
-    ("home.sqlite|fact|'under'", edited(f"{FACT} ('bed', 'under', 'bed', 'added')")),
     ("home.sqlite|setting", edited("DELETE FROM setting WHERE name = 'model_name'")),
-    ("/vectors-|tensor 'entities'", edited("DELETE FROM entity WHERE name = 'lie on'")),
+    ("home.sqlite|trained entities", edited("UPDATE entity SET row = NULL WHERE name = 'lie on'")),
 ]
 
 OLD = Path("old")
