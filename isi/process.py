@@ -90,15 +90,20 @@ class Parser(argparse.ArgumentParser):
         self.exit(2, f"{self.prog}: {cut(' '.join(message.split()), 200)}; see --help\n")
 
 
-def open_closed_descriptors() -> None:
+def open_descriptors() -> None:
     """Open the null device for standard input, output or error where it is closed, so that no file
-    that is opened later takes its number.
+    that is opened later takes its number; what is written to a closed output fails. A pipe that
+    does not block would lose output.
     """
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         if getattr(sys, name) is None:
-            descriptor = os.open(os.devnull, os.O_RDWR)  # the lowest number that is free
+            way = os.O_RDONLY if name == "stdout" else os.O_RDWR
+            descriptor = os.open(os.devnull, way)  # the lowest number that is free
             os.set_inheritable(descriptor, True)
             setattr(sys, name, open(descriptor, "w" if number else "r"))  # noqa: PTH123, SIM115
+        elif number:
+            with suppress(OSError):
+                os.set_blocking(number, True)
 
 
 @contextmanager
@@ -106,7 +111,7 @@ def errors_in_one_line(name: str, then: str = "run it again") -> Iterator[None]:
     """Exit with one line on InputError, OSError (broken pipe: no line),
     MemoryError or a signal (advice: ``then``).
     """
-    open_closed_descriptors()
+    open_descriptors()
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a terminal may lack letters of a name
     before = {stopping: signal.getsignal(stopping) for stopping in STOPPING}

@@ -131,9 +131,10 @@ def test_a_stream_of_another_format_needs_a_reader(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("closed", [">&-", "2>&-", "<&-", ">&- 2>&- <&-"])
-def test_closed_descriptors_are_no_errors(folder: Path, closed: str) -> None:
+def test_a_closed_descriptor_is_an_error_if_it_takes_output(folder: Path, closed: str) -> None:
     done = run(f"isi train log.csv --describe {closed}", folder)
-    assert (done.returncode, done.stderr) == (0, "")
+    is_lost = closed.startswith(">")
+    assert (done.returncode, done.stderr.count("\n")) == (is_lost, closed == ">&-")
     refused = run(f"isi train --describe none.csv {closed}", folder)
     assert refused.returncode == 1
     assert refused.stderr.count("\n") == (0 if "2>&-" in closed else 1)

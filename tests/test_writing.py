@@ -9,6 +9,7 @@ import resource
 import shlex
 import subprocess
 import sys
+import time
 from functools import partial
 from pathlib import Path
 
@@ -162,6 +163,18 @@ def test_a_file_that_may_not_grow_ends_a_stage_in_one_line_and_the_earlier_outpu
     expected = rf"{named}: cannot be written \(File too large; \d+\.\d [GM]iB free there\)"
     assert re.search(expected, only_line(ended.stderr)), ended.stderr
     assert (ended.returncode, outputs(workspace)) == (1, before)
+
+
+def test_a_slow_reader_of_a_pipe_that_does_not_block_gets_all() -> None:
+    code = "from isi.process import errors_in_one_line as e\nwith e('x'): print('a' * 10**6)"
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+    with subprocess.Popen([sys.executable, "-c", code], stdout=writer) as process:
+        os.close(writer)
+        with os.fdopen(reader, "rb") as pipe:
+            time.sleep(0.5)  # the pipe is full by then
+            assert len(pipe.read()) == 10**6 + 1
+    assert process.returncode == 0
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")

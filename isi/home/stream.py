@@ -136,8 +136,7 @@ def _refuse_constant(name: str) -> NoReturn:
 
 def answer_input(home: Home) -> None:
     """Answer standard input on standard output, to its end."""
-    for descriptor in (0, 1):  # a pipe that does not block would lose requests and answers
-        os.set_blocking(descriptor, True)
+    os.set_blocking(0, True)  # a pipe that does not block would lose requests
     with open(0, "rb", closefd=False) as requests, open(1, "wb", closefd=False) as answers:
         while line := requests.readline():
             answers.write(answer(home, line))
