@@ -4,6 +4,7 @@ every form of table in which other programs write them.
 
 import gzip
 import json
+import shutil
 from collections import Counter
 from functools import partial
 from pathlib import Path
@@ -159,6 +160,23 @@ def write_parquet(rows: Rows, folder: Path) -> dict[str, object]:
     return {"reader": "table", "path": str(folder / "any.parquet")}
 
 
+def write_feather(rows: Rows, folder: Path) -> dict[str, object]:
+    pd.DataFrame(rows, columns=[*TRIPLE]).to_feather(folder / "any.data")
+    return {"reader": "table", "path": str(folder / "any.data")}
+
+
+def write_parts(rows: Rows, folder: Path) -> dict[str, object]:
+    """As Spark does, into a folder whose name looks like another place."""
+    parts, half = folder / "s3:/parts", len(rows) // 2
+    shutil.rmtree(parts, ignore_errors=True)
+    for number, part in enumerate((rows[:half], rows[half:])):
+        (parts / f"count=1/{number}").mkdir(parents=True)
+        frame = pd.DataFrame(part, columns=[*TRIPLE], dtype=str)
+        frame.to_parquet(parts / f"count=1/{number}/part-{number}.snappy.parquet")
+    (parts / "_SUCCESS").touch()
+    return {"reader": "table", "path": str(parts)}
+
+
 def write_rdf(form: str, rows: Rows, folder: Path) -> dict[str, object]:
     """By rdflib, which writes a triple once."""
     graph = Graph()
@@ -186,7 +204,7 @@ def write_ids(rows: Rows, folder: Path) -> dict[str, object]:
     return {"reader": "triples_with_ids", "from": str(folder), "triples": None}
 
 
-WRITERS = (write_csv, write_tsv, write_parquet, write_ids)
+WRITERS = (write_csv, write_tsv, write_parquet, write_feather, write_parts, write_ids)
 OF_RDF = (partial(write_rdf, "nt"), partial(write_rdf, "ttl"))
 
 

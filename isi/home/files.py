@@ -13,7 +13,7 @@ from isi.errors import NO_SUCH_FILE, InputError
 from isi.graph.graph import GraphTables, MinedSource, build_tables
 from isi.sources import READERS, Source
 from isi.sources.names import ENTITY
-from isi.sources.readers import MOST, json_lines, parse_json, suffix_of
+from isi.sources.readers import MOST, form_of, json_lines, parse_json, suffix_of
 from isi.sources.triples import TRIPLE
 from isi.tables import paths
 
@@ -78,11 +78,13 @@ def path_of(file: str | Path) -> Path:
 
 
 def reader_of(file: Path) -> str:
-    """The reader of a file's suffix, of its JSON or of the files of a folder; ``table`` without a
-    suffix. ``InputError`` if none fits.
+    """The reader of a table by its first bytes, of a file's suffix, of its JSON or of what is in a
+    folder; ``table`` without a suffix. ``InputError`` if none fits.
     """
     if not file.exists():
         raise InputError(file, "", NO_SUCH_FILE)
+    if form_of(file):
+        return "table"
     suffix = suffix_of(file)
     names = {path.name for path in file.iterdir()} if file.is_dir() else {suffix}
     for name in READERS.names():

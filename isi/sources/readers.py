@@ -32,6 +32,8 @@ MOST, MOST_ROWS = 2**26, 1_000_000
 TAB = "\t"
 GZIP = b"\x1f\x8b"  #: The first bytes of a file that gzip has compressed.
 SEPARATORS = {".csv": ",", ".tsv": TAB, ".txt": TAB}
+#: Forms of tables that are no text, by the first bytes of a file.
+FORMS = {b"PAR1": "Parquet", b"ARRO": "Feather", b"FEA1": "Feather"}
 #: Descriptions of counts.
 HEADERLESS = "lines without a header, read as head, relation, tail; the first: {}"
 PERHAPS_TRIPLE = "first line read as a header, though other lines have its words: {}"
@@ -221,8 +223,8 @@ def read_batches(
     others: bool = False,
     headerless: Counter[str] | None = None,
 ) -> Iterator[pd.DataFrame]:
-    """Yield the rows of a file in batches: ``.parquet``, or text with commas (``.csv``) or tabs
-    (``.tsv``, ``.txt``), each perhaps with ``.gz``.
+    """Yield the rows of a file in batches: Parquet or Feather (``form_of``), or text with commas
+    (``.csv``) or tabs (``.tsv``, ``.txt``), each perhaps with ``.gz``.
 
     In a text of another suffix, or a pipe without one, tabs part columns if the first line has any.
 
@@ -233,10 +235,11 @@ def read_batches(
     text of triples without a header, and a header that may be a triple, are counted; None refuses
     such a text.
     """
-    is_text, known = suffix_of(path) != ".parquet", (*required, *optional)
+    form, known = form_of(path), (*required, *optional)
+    is_text = form is None
     counts = headerless if is_text else None
     first, header, line, is_header = list[str](), list[str](), "", True
-    for rows in _text(path) if is_text else _parquet(path, known):
+    for rows in _text(path) if form is None else _rows(path, form, known):
         if not header:
             first = list(rows.iloc[0] if is_text else rows.columns)
             line = short(" ".join(first))
@@ -259,6 +262,19 @@ def read_batches(
             counts[PERHAPS_TRIPLE.format(line)] = 1
         if len(rows):
             yield rows
+
+
+def form_of(path: Path) -> str | None:
+    """The form of a table: Parquet or Feather by its first bytes, folders of Parquet's parts as
+    Spark writes them; None: text.
+    """
+    if path.is_dir():
+        return "folder" if any(path.rglob("*.parquet")) else None
+    if path.is_file():  # from a pipe, nothing is taken
+        with path.open("rb") as file:
+            if form := FORMS.get(file.read(4)):
+                return form
+    return "Parquet" if suffix_of(path) == ".parquet" else None
 
 
 def _header(
@@ -331,17 +347,29 @@ def _unquoted(field: str) -> str:
     return inner.replace("\n", '"') if is_quoted else field
 
 
-def _parquet(path: Path, known: Collection[str]) -> Iterator[pd.DataFrame]:
-    """The rows of a Parquet table as text, without pandas' index unless a column of it is known."""
+def _rows(path: Path, form: str, known: Collection[str]) -> Iterator[pd.DataFrame]:
+    """The rows of a table in a form of ``form_of`` as text, without pandas' index unless a column
+    of it is known. The names of a folder's folders may be values, ``relation=in``.
+    """
     with extra("pipeline"):
         import pyarrow as pa
+        from pyarrow import dataset, feather, fs
 
     def texts(column: pd.Series) -> pd.Series:
         values = pa.array(column.convert_dtypes(), from_pandas=True).cast(pa.string())
         return pd.Series(values.fill_null("").to_pylist(), dtype=object)
 
-    with reading(path, "a Parquet table"):
-        table = pd.read_parquet(BytesIO(path.read_bytes()))
+    with reading(path, f"a table in {form}" if form != "folder" else "a folder of Parquet"):
+        if form == "Parquet":
+            table = pd.read_parquet(BytesIO(path.read_bytes()))
+        elif form == "Feather":
+            table = feather.read_table(BytesIO(path.read_bytes())).to_pandas()
+        else:  # as a path of this machine, also where it looks like that of another place
+            local = fs.LocalFileSystem()
+            parts = dataset.dataset(
+                str(path.absolute()), filesystem=local, format="parquet", partitioning="hive"
+            )
+            table = parts.to_table().to_pandas()
         index = [name for name in table.index.names if known_columns([name])[0] in known]
         table = table.reset_index(index)
         columns = [texts(table.iloc[:, place]) for place in range(table.shape[1])]

@@ -19,6 +19,7 @@ from isi.sources.names import ENTITY, KindsByRelation, Naming
 from isi.sources.readers import (
     SEPARATORS,
     check_names,
+    form_of,
     read_batches,
     read_table,
     read_text,
@@ -43,7 +44,7 @@ SHIPPED = ("virtualhome", "thor_u")
 Triple = tuple[str, str, str]
 
 
-@reader("table", Naming(), path="path", suffixes=(*SEPARATORS, ".parquet", TRIPLES_FILE))
+@reader("table", Naming(), path="path", suffixes=(*SEPARATORS, TRIPLES_FILE))
 def table(
     mining: Mining,
     path: str,
@@ -51,7 +52,7 @@ def table(
     kinds: KindsByRelation | None = None,
     household: bool = False,
 ) -> Iterator[Observation]:
-    """Observations of a table (``.csv``, ``.tsv``, ``.txt``, ``.parquet``).
+    """Observations of a table (``.csv``, ``.tsv``, ``.txt``, Parquet, Feather).
 
     Its columns are ``TRIPLE``, and optionally ``count`` and ``PLACES``; three columns without a
     header are ``TRIPLE``. ``path`` may be a folder with such a table, ``triples.csv``, and perhaps
@@ -62,7 +63,7 @@ def table(
     rooms.
     """
     file = Path(path)
-    if file.is_dir():
+    if file.is_dir() and form_of(file) is None:
         beside = file / ENTITIES_FILE
         file /= TRIPLES_FILE
         entities = entities or (str(beside) if beside.exists() else None)
