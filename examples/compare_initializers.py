@@ -27,7 +27,7 @@ queries = about.drop(given.index)
 true = triples.groupby(["head", "relation"])["tail"].agg(set)
 
 # %% Train without them
-home = isi.train(known.to_numpy().tolist(), model="transe", budget=2)
+home = isi.train(known.to_numpy().tolist())
 
 
 # %% The reciprocal rank of an answer among all entities, other true answers left out

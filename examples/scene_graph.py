@@ -43,7 +43,7 @@ if len(sys.argv) == 1:
         path.write_text(json.dumps({"rooms": listed}), encoding="utf-8")
 
 # %% Train on the first map. So small a home teaches a model little, and a warning says so
-home = isi.train(maps[0], budget=1)
+home = isi.train(maps[0])
 print(home)
 
 # %% Tell what the next map has: what is new is inserted, what is known is seen once more

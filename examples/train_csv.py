@@ -11,8 +11,8 @@ import isi
 
 HERE = Path(__file__).parent
 
-# %% Models and learning rates are compared on validation triples; a budget limits the comparison
-home = isi.train(HERE / "home.csv", budget=2)
+# %% Of two learning rates, the better one for validation triples is taken
+home = isi.train(HERE / "home.csv")
 print(home)
 
 # %% A new object, from two facts and the words of its name; all other vectors stay as they are

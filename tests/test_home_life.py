@@ -235,14 +235,14 @@ def test_a_taking_over_that_is_stopped_is_made_by_the_next_question(tmp_path: Pa
 def test_training_of_a_home_is_on_all_that_holds(tmp_path: Path) -> None:
     rows = [(f"thing {each}", "at", f"room {each % 4}") for each in range(12)]
     kinds = {end: end.split()[0] for row in rows for end in (row[0], row[2])}
-    trained = isi.train(rows, kinds=kinds, model="distmult", dimension=4, budget=1)
+    trained = isi.train(rows, kinds=kinds, dimension=4)
     trained.save(tmp_path / "home")
     with isi.open(tmp_path / "home") as home:
         home.tell([("mug", "at", "room 1"), ("mug", "by", "room 2"), ("thing 1", "by", "room 2")])
         home.tell(rows[:1])
         home.remove(facts=[rows[1]])
         known = facts_of(home)
-        assert isi.train(home, model="distmult", dimension=4, budget=1) is home
+        assert isi.train(home, dimension=4) is home
         assert facts_of(home) == known
         assert (home.base.kinds[home.base.names.ids["mug"]], home.inserted) == ("thing", {})
         assert home.base.relation_names == ["at", "by"]

@@ -49,7 +49,7 @@ def test_a_mistake_in_a_file_ends_in_one_line_and_nothing_is_written(
     params = parsed(paths.PARAMS)
     if case.format.startswith("words"):
         command = ["python -m isi", "train", "log.csv", "--vectors", next(iter(case.files))]
-        command += ["--out", "out", "--model", "distmult", "--dimension", "4", "--budget", "0.1"]
+        command += ["--out", "out", "--dimension", "4"]
         (folder / "log.csv").write_text(LOG, encoding="utf-8")
     else:
         command = ["python -m stages.mine", "fuzz"]

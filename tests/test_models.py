@@ -16,12 +16,10 @@ from isi import config
 from isi.config import Option
 from isi.errors import InputError
 from isi.graph.sessions import TRAIN, Session
-from isi.models.distance import TransE
 from isi.models.model import (
     MODELS,
     Model,
     RelationMapModel,
-    compared_models,
     make_model,
     register_model,
 )
@@ -127,24 +125,6 @@ def test_an_impossible_dimension_is_refused_by_name(name: str, dimension: int) -
             0,
             torch.zeros(1, 2),
         )
-
-
-@pytest.mark.usefixtures("registries")
-def test_a_registered_model_inherits_no_defaults_and_is_trained_with_its_own() -> None:
-    before = compared_models()
-    triples = [(f"e{number}", "next", f"e{number + 1}") for number in range(4)]
-
-    @register_model("mine")
-    class Mine(TransE):
-        pass
-
-    assert (before, compared_models()) == (["transe", "complex", "analogy"], before)
-    with pytest.raises(InputError, match="margin"):
-        isi.train(triples, model="mine", dimension=4)
-    register_model("mine", defaults={"margin": 3.0})(Mine)
-    with pytest.warns(UserWarning, match="no triple can leave training"):
-        home = isi.train(triples, model="mine", dimension=4)
-    assert home.base.manifest.model_options == {"margin": 3.0}
 
 
 # By hand

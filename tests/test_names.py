@@ -24,7 +24,6 @@ VALID = ["می\u200cز", "👩\u200d🍳", "\ue000", "x" * 250, "../a/../b", "a 
 def test_triples_in_python_are_read_as_those_of_a_file() -> None:
     home = isi.train(
         [(NFC, "at", "b"), (NFD, "at", "c"), ("tea\u200b pot", "at", "b")],
-        model="distmult",
         dimension=2,
     )
     assert set(home.base.entity_names) == {NFC, "b", "c", "tea pot"}

@@ -339,3 +339,49 @@ def test_training_lowers_the_loss_of_its_facts(name: str) -> None:
     of, task = theta(), Task(Facts(FACTS, WEIGHTS))
     after = fitted(of, task, RECIPES[name], 20, (1, 1))
     assert loss(after, task, RECIPES[name]) < 0.8 * loss(of, task, RECIPES[name])
+
+
+def test_the_step_is_that_of_pytorchs_adagrad() -> None:
+    of, task, settings = (
+        theta(),
+        Task(Facts(FACTS, WEIGHTS)),
+        recipe("softmax", batch_size=len(FACTS)),
+    )
+    tables, other = tables_of(of), tables_of(of)
+    fit(of.model, tables, task, settings, 3, np.random.default_rng(0))
+    optimizer, rng = (
+        torch.optim.Adagrad(other.trained, lr=settings.learning_rate),
+        np.random.default_rng(0),
+    )
+    loss = Objective(of.model, other, task, settings)
+    for _ in range(3):
+        for place in loss.batches(rng):
+            optimizer.zero_grad()
+            loss.of(place, rng).backward()  # type: ignore[no-untyped-call]
+            optimizer.step()
+    assert torch.equal(tables.entity, other.entity)
+    assert torch.equal(tables.relation, other.relation)
+
+
+@pytest.mark.parametrize("model", [ComplEx(), DistMult()])
+def test_n3_is_the_mean_of_the_cubes_of_the_facts_in_a_batch(model: Model) -> None:
+    of = theta(model)
+    task = Task(Facts(FACTS, WEIGHTS))
+    added = loss(of, task, recipe("softmax", None, n3=0.5)) - loss(of, task, EXACT)
+    expected = 0.0
+    for (head, relation, tail), weight in zip(FACTS.tolist(), WEIGHTS.tolist(), strict=True):
+        for row in (of.entity[0, head], of.relation[0, relation], of.entity[0, tail]):
+            numbers = row.double().numpy()
+            if isinstance(model, ComplEx):
+                numbers = numbers[:3] + 1j * numbers[3:]
+            expected += 0.5 * weight * (np.abs(numbers) ** 3).sum() / WEIGHTS.sum().item()
+    assert added == pytest.approx(expected, rel=1e-4)
+
+
+@pytest.mark.parametrize("settings", [EXACT, recipe("softmax"), recipe("logistic")])
+def test_all_rows_may_be_new(settings: Recipe) -> None:
+    """The loss is that of a part of the rows, whichever that part is."""
+    of, task = theta(), Task(Facts(FACTS, WEIGHTS), tails_only=False)
+    of_all = loss(of, task, settings, (0, 0))
+    assert of_all == pytest.approx(loss(of, task, settings), rel=1e-5)
+    assert of_all == pytest.approx(loss(of, task, settings, (ENTITIES, RELATIONS)), rel=1e-5)

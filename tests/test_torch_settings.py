@@ -67,7 +67,7 @@ def training_of_new_rows() -> list[Any]:
 
 
 def home() -> list[Any]:
-    trained = isi.train(FACTS, model="distmult", dimension=4, budget=0.01)
+    trained = isi.train(FACTS, dimension=4)
     home = Home(KNOWN)
     home.tell({"mug": {"in": home.base.entity_names[0]}})
     answers = [home.ask("mug", "in"), home.nearest("mug"), home.explain("mug")]

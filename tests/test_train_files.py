@@ -53,7 +53,7 @@ sys.modules |= dict.fromkeys({HEAVY})
 from isi.__main__ import main
 files = ["log.csv", "kitchen=scene.json"]
 main(["train", *files, "--describe"])
-main(["train", *files, "--out", "home", "--budget", "0.1", "--dimension", "4"])
+main(["train", *files, "--out", "home", "--dimension", "4"])
 main(["ask", "mug", "atLocation"])
 """
     done = subprocess.run(

@@ -172,9 +172,7 @@ def run(name: str, capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
             exec(compile(code, name, "exec"), scope)  # noqa: S102
         elif language == "console":
             for line in re.findall(r"^\$ isi (.+)$", code, re.MULTILINE):
-                # a short training: what it learns is shown on another page
-                short = ["--budget", "1"] * line.startswith("train")
-                main([*shlex.split(line), *short])
+                main(shlex.split(line))
                 assert capsys.readouterr().out
     return scope
 

@@ -25,14 +25,12 @@ if TYPE_CHECKING:
 class TrainingOptions:
     """Options about the embedding."""
 
-    model: Annotated[str | None, Parameter(help="default: the best for validation triples")] = None
-    learning_rate: Annotated[float | None, Parameter(help="of Adagrad; default: as --model")] = None
+    learning_rate: Annotated[
+        float | None, Parameter(help="of Adagrad; default: the better of two on held-out triples")
+    ] = None
     dimension: Annotated[
         int, Parameter(validator=FROM_ONE, help="numbers in an entity's vector")
     ] = 100
-    budget: Annotated[
-        float, Parameter(help="seconds for comparing models, by an estimate of the work")
-    ] = 60
     vectors: Annotated[
         Path | None, Parameter(help="word2vec or GloVe file, for the word vectors of names")
     ] = None
@@ -144,7 +142,7 @@ def _train(
 
 def _flags() -> AbstractContextManager[None]:
     """``flags`` of the options about the embedding."""
-    names = ("model", "learning_rate", "dimension", "budget")
+    names = ("learning_rate", "dimension")
     return flags(**{name: f"--{name.replace('_', '-')}" for name in names})
 
 

@@ -66,7 +66,7 @@ class Home(Questions):
         >>> import isi
         >>> facts = [(name, "in", "kitchen") for name in ("cup", "pan", "fork")]
         >>> facts += [(name, "in", "bedroom") for name in ("bed", "lamp", "desk")]
-        >>> home = isi.train(facts, model="distmult", dimension=4)
+        >>> home = isi.train(facts, dimension=4)
         >>> home.tell([("mug", "in", "kitchen")]).inserted
         ['mug']
         >>> home.ask("mug", "in").answers[0].entity

@@ -1,7 +1,7 @@
 """``isi.train``: a home of triples by name, of a file, or of what a home knows by now.
 
-Settings are chosen on validation triples (``isi.home.settings``), the model is measured on test
-triples (``isi.home.held_out``); then all triples are trained on.
+By one recipe (``isi.training.recipe``): its model is measured on test triples
+(``isi.training.held_out``), then all triples are trained on.
 """
 
 from __future__ import annotations
@@ -26,14 +26,12 @@ from isi.graph.graph import (
     build_graph,
     build_tables,
 )
-from isi.graph.sessions import TEST, TRAIN, session_of
+from isi.graph.sessions import TEST
 from isi.home.bundle import Bundle, Manifest
 from isi.home.files import read_graph
 from isi.home.folder import is_home
-from isi.home.held_out import groups_of, held_out, repeated_relations, test_measures
 from isi.home.home import Home, open_home
 from isi.home.phrases import OF_MODEL, by_model, has_model, with_words
-from isi.home.settings import compare, keys_of, plan_of
 from isi.insertion.arguments import (
     TripleForms,
     column_names,
@@ -42,20 +40,27 @@ from isi.insertion.arguments import (
     of_arrow,
     options_by_name,
 )
-from isi.models.model import MODELS
-from isi.models.stack import Embedding, select, usual_torch
+from isi.models.stack import Embedding, NotFinite, usual_torch
 from isi.sources.names import ENTITY, Label, Naming
 from isi.sources.readers import check_names, cleaned
 from isi.sources.triples import naming
 from isi.tables.rules import MOST_OBSERVED
-from isi.training.fit import TrainConfig, fit_for
+from isi.training.held_out import groups_of, held_out, held_out_measures, repeated_relations
+from isi.training.recipe import (
+    MODEL,
+    MODEL_NAME,
+    better_rate,
+    epochs_for,
+    recipe_for,
+    train_on,
+)
 from isi.vocabulary import Vocabulary, by_known_name, note_of_kinds
 
 
 @dataclass(frozen=True)
 class TrainingSummary:
-    """How a bundle was trained, and filtered MRRs of test triples,
-    which a model with its settings was not trained on.
+    """How a bundle was trained, and filtered MRRs of test triples, which the same recipe was not
+    trained on.
 
     The bundle itself is trained on all triples. MRRs are None if no triple can leave training.
     """
@@ -64,11 +69,8 @@ class TrainingSummary:
     relations: int
     triples: int
     observations: int
-    #: of an epoch: fewer than all if there are so many that counts were scaled down
-    epoch_observations: int
-    model: str
-    learning_rate: float
     dimension: int
+    learning_rate: float
     epochs: int
     batch_size: int
     repeated: list[list[str]]  #: relations that repeat each other; one alone is symmetric
@@ -79,40 +81,23 @@ class TrainingSummary:
     chance: float | None  #: expectation of random ranks
     warning: str | None  #: a sentence
 
-    @property
-    def scaled(self) -> str | None:
-        """A sentence, if counts were scaled down."""
-        if self.epoch_observations == self.observations:
-            return None
-        return (
-            f"Counts were scaled down: an epoch has {self.epoch_observations:,} observations, "
-            "at least one of each triple"
-        )
-
     def __str__(self) -> str:
         text = (
             f"{self.triples:,} triples ({self.observations:,} observations) of {self.entities:,}"
-            f" entities and {self.relations:,} relations; model {self.model}, learning rate"
-            f" {self.learning_rate:g}, {self.epochs} epochs in batches of {self.batch_size:,},"
-            " chosen on validation triples."
+            f" entities and {self.relations:,} relations; learning rate {self.learning_rate:g},"
+            f" {self.epochs} epochs in batches of {self.batch_size:,}."
         )
-        if self.scaled:
-            text += f"\n{self.scaled}."
         if self.repeated:
             named = ", ".join(" and ".join(map(repr, names)) for names in self.repeated)
             text += (
                 f"\nTriples of symmetric, inverse or equal relations ({named}) are "
-                "split together with those that"
+                "split together with those that they repeat."
             )
-            text += " they repeat."
         if self.mrr is not None:
             text += (
-                f"\nMRR of {self.test_triples:,} test triples: {self.mrr:.3f}; "
-                "of answers by frequency"
-            )
-            text += (
-                f" {self.frequency:.3f}, at random {self.chance:.3f}. In the end, "
-                "all triples were trained on."
+                f"\nMRR of {self.test_triples:,} test triples: {self.mrr:.3f}; of answers by "
+                f"frequency {self.frequency:.3f}, at random {self.chance:.3f}. In the end, all "
+                "triples were trained on."
             )
         return text + f"\nWarning: {self.warning}." * bool(self.warning)
 
@@ -181,10 +166,8 @@ def train(
     *,
     kinds: Mapping[str, str] | None = None,
     vectors: str | Path | None = None,
-    model: str | None = None,
     learning_rate: float | None = None,
     dimension: int = 100,
-    budget: float = 60,
     seed: int = 0,
 ) -> Home:
     """Train an embedding of triples by name (in any form of ``isi.insert``), of a file that
@@ -194,21 +177,18 @@ def train(
     ``kinds``: by entity. ``vectors``: a word2vec or GloVe file, for the word vectors of names. The
     other arguments are those of ``train_bundle``. ``base.manifest.made`` of the result has its
     measures. Warns of what the file's reader counts, such as lines without a header, if the model
-    has learned nothing, of counts that were scaled down, of names in ``kinds`` that match no
-    entity, and of entities without a kind.
+    has learned nothing, of names in ``kinds`` that match no entity, and of entities without a kind.
 
     Example:
         >>> import isi
         >>> facts = [("cup", "in", "kitchen"), ("pan", "in", "kitchen"), ("bed", "in", "bedroom")]
-        >>> home = isi.train(facts, model="distmult", dimension=4)
+        >>> home = isi.train(facts, dimension=4)
         >>> home.base.manifest.made["entities"], home.ask("cup", "in").answers[0].entity
         (5, 'kitchen')
     """
-    options = {
-        "model": model,
+    options: dict[str, Any] = {
         "learning_rate": learning_rate,
         "dimension": dimension,
-        "budget": budget,
         "seed": seed,
     }
     path = check(vectors, str | Path | None, "", "argument 'vectors'")  # type: ignore[arg-type]
@@ -223,7 +203,7 @@ def train(
     tables = _tables_of_file(triples) if isinstance(triples, str | Path) else tables_of(triples)
     if kinds:
         tables = _with_kinds_of_call(tables, kinds)
-    bundle, summary = train_bundle(tables, **options)  # type: ignore[arg-type]
+    bundle, summary = train_bundle(tables, **options)
     warn(summary)
     return Home(with_words(bundle, file))
 
@@ -250,8 +230,8 @@ def _with_kinds_of_call(tables: GraphTables, kinds: Mapping[str, str]) -> GraphT
 
 def warn(summary: TrainingSummary) -> None:
     """Warn, in the name of a caller's caller, of what a training found wrong."""
-    for sentence in filter(None, (summary.scaled, summary.warning)):
-        warnings.warn(sentence, stacklevel=3)
+    if summary.warning:
+        warnings.warn(summary.warning, stacklevel=3)
 
 
 def train_again(home: Home, vectors: Path | None = None, **options: Any) -> TrainingSummary:
@@ -282,10 +262,8 @@ def tables_of_home(home: Home) -> GraphTables:
 def train_bundle(
     tables: GraphTables,
     *,
-    model: str | None = None,
     learning_rate: float | None = None,
     dimension: int = 100,
-    budget: float = 60,
     seed: int = 0,
 ) -> tuple[Bundle, TrainingSummary]:
     """Train an embedding of a graph. Equal arguments give equal bytes
@@ -293,83 +271,58 @@ def train_bundle(
 
     Args:
         tables: the graph (``build_tables``, ``read_graph``, ``tables_of``).
-        model: a registered model; None: the best of ``compared_models`` for validation
-            triples.
-        learning_rate: of Adagrad; None: the best of ``RATES``.
-        dimension: d, the length of an entity's vector.
-        budget: seconds for the comparison, by an estimate of its work; one setting is always tried.
-            Large counts are scaled down (``TrainingSummary.epoch_observations``).
+        learning_rate: of Adagrad; None: the better one of ``RATES`` for validation triples.
+        dimension: d, the length of an entity's vector; even.
         seed: root seed of splits, initial vectors, batches and negatives.
 
     Raises:
         InputError: names the wrong argument, or says that training diverged.
     """
     learning_rate = check(learning_rate, Positive | None, "", "argument 'learning_rate'")  # type: ignore[arg-type]
-    budget = check(budget, Positive, "", "argument 'budget'")
     seed = check(seed, Seed, "", "argument 'seed'")
     dimension = check(dimension, Count, "", "argument 'dimension'")
-    whole = build_graph(tables.entities, tables.triples)
-    plan = plan_of(whole, dimension, budget)
-    graph = plan.graph
-    configs = plan.configs(model, learning_rate, dimension, seed)
+    with at("argument 'dimension'"):
+        MODEL.width(dimension)
+    graph = build_graph(tables.entities, tables.triples)
     repeated = repeated_relations(graph)
     groups = groups_of(graph, repeated)
-    splits = held_out(graph, groups, seed, plan.draws)
-    tries = int(budget / plan.seconds / len(splits))
-    config, epochs = compare(session_of(graph, torch.from_numpy(splits)), list(configs), tries)
-    tested, of_train, of_all = _trained(graph, splits, config, epochs)
+    splits = held_out(graph, groups, seed)
+    rate = learning_rate or better_rate(graph, splits, dimension, seed)
+    every = torch.ones(len(graph.triples), dtype=torch.bool)
+    try:
+        of_train = train_on(graph, torch.from_numpy(splits != TEST), rate, dimension, seed)
+        of_all = train_on(graph, every, rate, dimension, seed)
+    except NotFinite as error:
+        lower = f"{error.message}: lower the learning rate"
+        raise InputError("argument 'learning_rate'", "", lower) from error
     summary = TrainingSummary(
         entities=len(graph.entities),
         relations=len(graph.relations),
         triples=len(graph.triples),
-        observations=int(whole.counts.sum()),
-        epoch_observations=int(graph.counts.sum()),
-        model=configs[config],
-        learning_rate=config.training.learning_rate,
+        observations=int(graph.counts.sum()),
         dimension=dimension,
-        epochs=epochs,
-        batch_size=plan.batch_size,
+        learning_rate=rate,
+        epochs=epochs_for(graph),
+        batch_size=recipe_for(graph, rate).batch_size,
         repeated=[[graph.relations[relation] for relation in together] for together in repeated],
-        **test_measures(graph, groups, torch.from_numpy(tested), of_train),
+        **held_out_measures(graph, groups, splits, of_train),
     )
-    return bundle_of(tables, whole, of_all, summary, config), summary
-
-
-def _trained(
-    graph: Graph, splits: np.ndarray, config: TrainConfig, epochs: int
-) -> tuple[np.ndarray, Embedding, Embedding]:
-    """Train on all but the test triples of splits, (draws, T), and on all triples: the splits,
-    (1, T), of the first embedding, and both embeddings.
-    """
-    tested = np.where(splits[:1] == TEST, TEST, TRAIN).astype(np.int8)
-    both = np.concatenate([tested, np.zeros_like(tested)])
-    final = fit_for(session_of(graph, torch.from_numpy(both)), keys_of(both), config, epochs)
-    return tested, select(final, torch.tensor([0])), select(final, torch.tensor([1]))
+    return bundle_of(tables, graph, of_all, {"seed": seed, **asdict(summary)}), summary
 
 
 def bundle_of(
-    tables: GraphTables,
-    graph: Graph,
-    trained: Embedding,
-    summary: TrainingSummary,
-    config: TrainConfig,
+    tables: GraphTables, graph: Graph, trained: Embedding, made: dict[str, Any]
 ) -> Bundle:
     """The bundle of one model that all triples of a graph have trained."""
-    origin = {
-        "seed": config.root,
-        "weight_decay": config.training.weight_decay,
-        "init_range": config.init_range,
-        "ratio": config.negatives.ratio,
-        **asdict(summary),
-    }
     kinds = ["" if kind == ENTITY else kind for kind in tables.entities["kind"].astype(str)]
     phrases = list(tables.entities["phrase"].astype(str))
     # without the sentence model, a home takes the words of its vocabulary
     words, source = None, None
     if has_model():
         words, source = np.stack(list(map(by_model, phrases))), OF_MODEL
-    options = dict(MODELS.get(summary.model).defaults)
-    manifest = Manifest(model_name=summary.model, model_options=options, words=source, made=origin)
+    manifest = Manifest(
+        model_name=MODEL_NAME, model_options={}, words=source, trained_with="softmax", made=made
+    )
     return Bundle(
         manifest,
         trained.entity[0].numpy(),

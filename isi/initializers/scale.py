@@ -37,7 +37,7 @@ class Scale:
     offset: float = 0.0
 
 
-LOGISTIC = Scale()  #: The scale of the pipeline's training, and of ``isi train``.
+LOGISTIC = Scale()  #: The scale of the pipeline's training.
 
 
 def fit_scale(theta: Embedding, triples: Tensor, loss: Loss | TrainingLoss) -> Scale:

@@ -113,7 +113,7 @@ class BlockModel(ConstrainedModel):
         return torch.cat([scalars, x, x], -1), torch.cat([torch.zeros_like(scalars), -y, y], -1)
 
 
-@register_model("analogy", compared=3)
+@register_model("analogy")
 @dataclass(frozen=True)
 class ANALOGY(BlockModel):
     """f(h, r, t) = ⟨vₕᵀW, vₜ⟩: half of the coordinates are scalars,
@@ -124,7 +124,7 @@ class ANALOGY(BlockModel):
     scalars = 50
 
 
-@register_model("complex", compared=2)
+@register_model("complex")
 @dataclass(frozen=True)
 class ComplEx(BlockModel):
     """f(h, r, t) = Re⟨vₕ ⊙ r, conj(vₜ)⟩: all coordinates belong to

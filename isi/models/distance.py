@@ -38,7 +38,7 @@ class DistanceModel(ConstrainedModel):
         return Distance(self.margin, self.squared)
 
 
-@register_model("transe", defaults={"margin": 2.0, "squared": True}, compared=1)
+@register_model("transe", defaults={"margin": 2.0, "squared": True})
 @dataclass(frozen=True)
 class TransE(Translation, DistanceModel):
     """f(h, r, t) = margin - ‖vₕ + r - vₜ‖, or with ‖·‖² if ``squared``."""

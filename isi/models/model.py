@@ -52,10 +52,8 @@ class Model(ABC):
     #: whether vectors are complex numbers, real halves before imaginary ones
     complex_vectors: ClassVar[bool] = False
     angles: ClassVar[bool] = False  #: whether the row of a relation holds angles
-    #: options of a training that is not given any, as ``isi train``
+    #: options where none are given
     defaults: ClassVar[Mapping[str, Any]] = {}
-    #: place among the models that ``isi train`` compares; None: it trains this one if named
-    compared: ClassVar[int | None] = None
 
     def width(self, dimension: int) -> int:
         """Length of a relation's row for vectors of ``dimension``;
@@ -250,12 +248,10 @@ class EmbeddingParams(Section):
     init_range: Positive
 
 
-def register_model(
-    name: str, *, defaults: Mapping[str, Any] | None = None, compared: int | None = None
-) -> Callable[[M], M]:
+def register_model(name: str, *, defaults: Mapping[str, Any] | None = None) -> Callable[[M], M]:
     """Register a dataclass as a model under a name; its fields are the options.
 
-    ``defaults`` and ``compared``: see ``Model``; a registered class inherits neither.
+    ``defaults``: see ``Model``; a registered class inherits none.
 
     Example:
         >>> from dataclasses import dataclass
@@ -269,18 +265,11 @@ def register_model(
     """
 
     def register(kind: M) -> M:
-        kind.defaults, kind.compared = defaults or {}, compared
+        kind.defaults = defaults or {}
         MODELS.register(name, kind)
         return kind
 
     return register
-
-
-def compared_models() -> list[str]:
-    """The names of the models that ``isi train`` compares, in order."""
-    places = {name: MODELS.get(name).compared for name in MODELS.names()}
-    compared = [(place, name) for name, place in places.items() if place is not None]
-    return [name for _, name in sorted(compared)]
 
 
 def make_model(name: str, options: Mapping[str, Any], key: str) -> Model:

@@ -13,7 +13,6 @@ import numpy as np
 import torch
 from torch import Tensor
 from torch.nn.functional import softplus
-from torch.optim import Adagrad
 
 from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.models.losses import Loss, TrainingLoss
@@ -26,6 +25,7 @@ EARLIER, EARLIER_SCORES = 2**10, 2**18
 #: The earlier facts from which these are drawn are at even distances: so many for each new entity,
 #: within these limits.
 FOR_EACH, FEWEST_EARLIER, MOST_EARLIER = 2**8, 2**11, 2**13
+TINY = 1e-10  #: What Adagrad adds to a divisor.
 BUDGET = 2**24  #: Maximum number of scores in a table without gradient.
 SMALL = 2**18  #: Maximum number of coordinates that stay in a processor's cache.
 
@@ -45,6 +45,7 @@ class Recipe:
     #: ``TrainingLoss.margin`` and ``.temperature``
     margin: float = 0.0
     temperature: float = 1.0
+    n3: float = 0.0  #: weight of the sum of the cubes of a fact's coordinates (``cubes``)
 
     @property
     def training_loss(self) -> TrainingLoss:
@@ -86,16 +87,19 @@ def fit(
     epochs: int,
     rng: np.random.Generator,
 ) -> None:
-    """Train the new rows of ``tables``, in place, for some epochs of a task;
+    """Train the new rows of ``tables``, in place, for some epochs of a task, by Adagrad;
     ``NotFinite`` if that diverges.
     """
-    optimizer = Adagrad(tables.trained, lr=recipe.learning_rate)
+    # that of torch.optim takes two seconds to import
+    squares = [torch.zeros_like(table) for table in tables.trained]
     loss = Objective(model, tables, task, recipe)
     for epoch in range(1, epochs + 1):
         for place in loss.batches(rng):
-            optimizer.zero_grad()
-            loss.of(place, rng).backward()  # type: ignore[no-untyped-call]
-            optimizer.step()
+            slopes = torch.autograd.grad(loss.of(place, rng), tables.trained)
+            with torch.no_grad():
+                for table, slope, total in zip(tables.trained, slopes, squares, strict=True):
+                    total.addcmul_(slope, slope)
+                    table.addcdiv_(slope, total.sqrt() + TINY, value=-recipe.learning_rate)
             tables.constrain(model)
         check_finite(tuple(table[None] for table in tables.trained), f"vectors after epoch {epoch}")
 
@@ -133,10 +137,29 @@ class Tables:
             self.entity.copy_(model.constrain(self.entity))
 
 
+def cubes(model: Model, rows: Tensor) -> Tensor:
+    """N3 (Lacroix et al. 2018): the sum of the cubes of the absolute coordinates of rows, (..., d),
+    which may be complex numbers; shape (...).
+
+    Example:
+        >>> import torch
+        >>> from isi.models.bilinear import ComplEx
+        >>> cubes(ComplEx(), torch.tensor([3.0, 0.0, 4.0, 1.0]))  # of 3 + 4i and i
+        tensor(126.)
+    """
+    squares = rows.square()
+    if model.complex_vectors:
+        real, imaginary = squares.chunk(2, -1)
+        squares = real + imaginary
+    return squares.pow(1.5).sum(-1)
+
+
 def _rows(fixed: Tensor, moving: Tensor, ids: Tensor) -> Tensor:
     """Rows of two tables, one below the other."""
     if not len(moving):
         return fixed[ids]
+    if not len(fixed):
+        return moving[ids]
     moves = ids >= len(fixed)
     still = fixed[ids.masked_fill(moves, 0)]
     return torch.where(moves[..., None], moving[(ids - len(fixed)).clamp(min=0)], still)
@@ -153,7 +176,7 @@ class Objective:
         self.slots = (TAIL,) if task.tails_only else (TAIL, HEAD)
         #: by slot, log Σ exp(score) of the fixed answers to the query of each fact, (T,)
         self.fixed: dict[int, Tensor] = {}
-        if self.is_exact:
+        if self.is_exact and len(tables.fixed_entity):
             self.fixed = {slot: self._of_fixed(slot) for slot in self.slots}
         earlier = task.earlier or Earlier(task.facts.triples[:0])
         self.share = earlier.share / task.facts.weight.sum().item()
@@ -189,6 +212,9 @@ class Objective:
             else:
                 end, answer = ends[HEAD + TAIL - slot], triples[:, slot]
                 losses = losses + self._sampled(slot, end, relation, answer, right, rng)
+        if self.recipe.n3:
+            for rows in (ends[HEAD], relation, ends[TAIL]):
+                losses = losses + self.recipe.n3 * cubes(self.model, rows)
         loss = (weight * losses).sum() / weight.sum()
         for slot, known in self.known.items():
             loss = loss + self.share * known.number * self._of_known(slot, known, rng)

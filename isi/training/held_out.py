@@ -10,7 +10,6 @@ import torch
 from torch import Tensor
 
 from isi.evaluation.filtered import EndQueries, end_queries, random_ranks
-from isi.evaluation.ranking import padded_ids
 from isi.graph.graph import HEAD, RELATION, TAIL, Graph
 from isi.graph.sessions import TEST, TRAIN, split
 from isi.models.stack import Embedding
@@ -70,18 +69,15 @@ def groups_of(graph: Graph, repeated: Sequence[Sequence[int]]) -> np.ndarray:
     return first[group.reshape(-1)]
 
 
-def held_out(graph: Graph, groups: np.ndarray, seed: int, draws: int) -> np.ndarray:
-    """Splits, (draws, T), with the same test triples and different validation triples;
-    every name is in train.
-
-    Triples of a group, (T,), have the same split.
+def held_out(graph: Graph, groups: np.ndarray, seed: int) -> np.ndarray:
+    """A split, (T,), int8, in which every name is in train. Triples of a group, (T,), have the same
+    split.
     """
     number, most = len(graph.triples), MOST_SCORES // len(graph.entities)
     tests = min(max(number // 10, min(FEWEST, number // 5)), most, MOST_HELD_OUT)
-    first = split_groups(graph, groups, np.arange(number), seed, 0, 0.0, tests / number)
-    rest, splits = np.flatnonzero(first == TRAIN), np.tile(first, (draws, 1))
-    for draw, row in enumerate(splits, 1):
-        row[rest] = split_groups(graph, groups, rest, seed, draw, min(0.1, tests / number), 0.0)
+    splits = split_groups(graph, groups, np.arange(number), seed, 0, 0.0, tests / number)
+    rest, share = np.flatnonzero(splits == TRAIN), min(0.1, tests / number)
+    splits[rest] = split_groups(graph, groups, rest, seed, 1, share, 0.0)
     return splits
 
 
@@ -105,34 +101,38 @@ def split_groups(
     return splits
 
 
-def test_measures(
-    graph: Graph, groups: np.ndarray, splits: Tensor, theta: Embedding
+def held_out_measures(
+    graph: Graph, groups: np.ndarray, splits: np.ndarray, theta: Embedding
 ) -> dict[str, Any]:
-    """The last fields of a ``TrainingSummary``, for an embedding trained on splits, (1, T).
+    """The last fields of a ``TrainingSummary``, for an embedding that was not trained on the test
+    triples of splits, (T,).
 
     Triples of a group, (T,), count as one where errors are estimated.
     """
-    names, number = ("mrr", "frequency", "chance"), int((splits == TEST).sum())
+    names, is_test = ("mrr", "frequency", "chance"), torch.from_numpy(splits == TEST)
+    number = int(is_test.sum())
     if not number:
         nothing = (
             "no triple can leave training, since each entity and relation needs one: "
             "quality is unknown"
         )
         return {"test_triples": 0, **dict.fromkeys(names), "warning": nothing}
-    queries = end_queries(graph, padded_ids(splits == TEST))
-    learned = reciprocal_ranks(queries, queries.scores(theta, theta.entity))
-    others = (
-        reciprocal_ranks(queries, frequencies(graph, splits[0] == TRAIN, queries)),
-        random_ranks(~queries.right, queries),
+    queries = end_queries(graph, is_test.nonzero().T)
+    ranks = torch.stack(
+        [
+            reciprocal_ranks(queries, queries.scores(theta, theta.entity)),
+            reciprocal_ranks(queries, frequencies(graph, ~is_test, queries)),
+            random_ranks(~queries.right, queries),
+        ]
     )
-    measures = dict(zip(names, (ranks.mean().item() for ranks in (learned, *others)), strict=True))
-    gains = torch.stack([learned - other for other in others])
-    independent = gains.shape[1] * len(np.unique(groups[splits[0] == TEST])) / number
+    gains = ranks[0] - ranks[1:]
+    independent = gains.shape[1] * len(np.unique(groups[splits == TEST])) / number
     clear = bool((gains.mean(1) > CLEARLY * gains.std(1) / independent**0.5).all())
     nothing = (
         "the model has learned nothing that shows: it ranks answers about as "
         "their frequency or chance does"
     )
+    measures = dict(zip(names, ranks.mean(1).tolist(), strict=True))
     return {"test_triples": number, **measures, "warning": None if clear else nothing}
 
 
