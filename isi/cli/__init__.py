@@ -44,6 +44,7 @@ COMMANDS = {
     "explain": ("entity:explain", "Explain an insertion: its facts, its words, its indicators."),
     "history": ("entity:history", "List changes, those that were undone included."),
     "stale": ("entity:stale", "List facts that were not seen for long."),
+    "forget": ("entity:forget", "Drop old changes from the history; what holds stays."),
     "save": ("entity:save", "Write a copy of a home into another folder."),
     "live": ("live:live", "Answer facts and questions in JSON lines, at once."),
 }

@@ -79,9 +79,9 @@ class ChangeOptions:
             print("nothing is written")
 
 
-def _change(verb: verbs.Verb, change: ChangeOptions) -> None:
-    with home_in(change.folder, change.dry_run) as home, named_options():
-        change.show(home, verb.of(home))
+def _change(verb: verbs.Verb, how: ChangeOptions) -> None:
+    with home_in(how.folder, how.dry_run) as home, named_options():
+        how.show(home, verb.of(home))
 
 
 @command_of
@@ -92,35 +92,35 @@ def tell(
         tuple[Path, ...], Parameter(name="--from", help="triples, scenes, ...: all their facts")
     ] = (),
     verbose: Verbose = False,
-    change: ChangeOptions = ChangeOptions(),
+    how: ChangeOptions = ChangeOptions(),
 ) -> None:
     """Tell facts; what is not known yet is inserted."""
     if not (verb.facts or verb.entities or from_):
         raise InputError("", "", "expected HEAD RELATION TAIL, --entity NAME or --from FILE")
-    with home_in(change.folder, change.dry_run) as home, named_options():
+    with home_in(how.folder, how.dry_run) as home, named_options():
         if from_:
             rows, kinds = _from_files(home, from_)
             told = {"facts": [*verb.facts, *rows], "kind": verb.kind or kinds}
             verb = verb.model_copy(update=told)
-        change.show(home, verb.of(home), is_told=True, verbose=verbose)
+        how.show(home, verb.of(home), is_told=True, verbose=verbose)
 
 
 @command_of
-def move(verb: verbs.Move, *, change: ChangeOptions = ChangeOptions()) -> None:
+def move(verb: verbs.Move, *, how: ChangeOptions = ChangeOptions()) -> None:
     """Replace the facts with a head and a relation by one."""
-    _change(verb, change)
+    _change(verb, how)
 
 
 @command_of
-def remove(verb: verbs.Remove, *, change: ChangeOptions = ChangeOptions()) -> None:
+def remove(verb: verbs.Remove, *, how: ChangeOptions = ChangeOptions()) -> None:
     """Take back inserted entities, or single facts."""
-    _change(verb, change)
+    _change(verb, how)
 
 
 @command_of
-def undo(verb: verbs.Undo, *, change: ChangeOptions = ChangeOptions()) -> None:
+def undo(verb: verbs.Undo, *, how: ChangeOptions = ChangeOptions()) -> None:
     """Take a change back."""
-    _change(verb, change)
+    _change(verb, how)
 
 
 # -- questions -------------------------------------------------------------------------------------
@@ -227,6 +227,13 @@ def history(verb: verbs.History, *, folder: HomeFolder = HOME, json: Json = Fals
             for each in verb.of(home)
         ]
     show({"changes": rows}, json)
+
+
+@command_of
+def forget(verb: verbs.Forget, *, folder: HomeFolder = HOME) -> None:
+    """Drop old changes from the history; what holds stays."""
+    with home_in(folder) as home:
+        print(f"forgotten changes: {verb.of(home):,}")
 
 
 @command_of

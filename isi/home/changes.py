@@ -1,6 +1,6 @@
 """What a change of a home did, and the changes as they are listed."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Any
@@ -50,6 +50,21 @@ class Change:
         """Whether an entity or a fact came, went or was seen."""
         facts = self.added, self.seen, self.lost, self.unseen
         return any([self.inserted, self.removed, *facts])
+
+
+def effect_of(change: Change, updated: Sequence[str] = (), notes: Sequence[str] = ()) -> Effect:
+    """What a change did; ``updated``: entities whose vectors it has computed."""
+    of_unseen = [f"{' '.join(fact)} counts as seen once less" for fact in change.unseen]
+    return Effect(
+        inserted=change.inserted,
+        updated=[name for name in updated if name not in change.inserted],
+        removed=change.removed,
+        relations=change.relations,
+        facts=len(change.added),
+        lost=change.lost,
+        seen=len(change.seen),
+        notes=list(dict.fromkeys([*notes, *of_unseen])),
+    )
 
 
 #: The list of a ``Change`` that has what an effect was on.

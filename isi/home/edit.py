@@ -9,7 +9,7 @@ from datetime import datetime
 from isi.config import check, plain_numbers
 from isi.errors import InputError, at
 from isi.home.bundle import Fact, NewEntity
-from isi.home.changes import Effect, changes_of
+from isi.home.changes import Effect, changes_of, effect_of
 from isi.home.database import Database
 from isi.home.derived import Derived
 from isi.home.times import as_text
@@ -147,17 +147,6 @@ class Edit:
             self.database.remove_change(self.number)
             return self.derived, Effect(notes=self.notes)
         derived, computed = self.derived.after(change)
-        notes = [*self.notes, *(note for entity in computed.values() for note in entity.notes)]
-        notes += [f"{' '.join(fact)} counts as seen once less" for fact in change.unseen]
-        notes += derived.choices.warnings()
-        effect = Effect(
-            inserted=change.inserted,
-            updated=[name for name in computed if name not in change.inserted],
-            removed=change.removed,
-            relations=change.relations,
-            facts=len(change.added),
-            lost=change.lost,
-            seen=len(change.seen),
-            notes=list(dict.fromkeys(notes)),
-        )
-        return derived, effect
+        of_entities = [note for entity in computed.values() for note in entity.notes]
+        notes = [*self.notes, *of_entities, *derived.choices.warnings()]
+        return derived, effect_of(change, list(computed), notes)

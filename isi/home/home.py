@@ -13,7 +13,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from datetime import datetime
+from dataclasses import replace
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any, Literal, Self
 
@@ -23,7 +24,7 @@ from isi.config import check
 from isi.errors import InputError
 from isi.home import folder as folders
 from isi.home.bundle import Bundle
-from isi.home.changes import Effect, checked_facts
+from isi.home.changes import Effect, changes_of, checked_facts, effect_of
 from isi.home.connection import DatabaseFailure
 from isi.home.database import Database
 from isi.home.derived import Derived, with_own_words
@@ -32,8 +33,9 @@ from isi.home.folder import Durability
 from isi.home.loaded import LoadedEmbedding
 from isi.home.phrases import with_words
 from isi.home.questions import Questions, one_at_a_time, reads
-from isi.home.undo import put_back
-from isi.home.verbs import Move, Remove, Tell, Undo, Verb, checked
+from isi.home.times import time_before
+from isi.home.undo import forget, last_change_of, put_back
+from isi.home.verbs import Forget, Move, Remove, Tell, Undo, Verb, checked
 
 
 @contextmanager
@@ -207,32 +209,62 @@ class Home(Questions):
             self.database.remove_entity(edit.number, self.derived.inserted(name))
         return self._finished(edit)
 
-    @changes
     def undo(
         self,
         *,
         change: int | None = None,
         source: str | None = None,
+        dry: bool = False,
         time: datetime | str | float | None = None,
     ) -> Effect:
-        """Take the last change back, a second time the one before;
-        an ``InputError`` if there is none since training.
+        """Take the last change back, a second time the one before; an ``InputError`` if there is
+        none since training.
+
+        An older change is taken back as if it had not been made: what later changes told stays. An
+        ``InputError`` names a later one that needs it.
 
         Args:
             change: the number of the change to take back, as ``history`` lists it.
             source: take back the last change that this has reported.
+            dry: say what would be taken back, without new vectors, and change nothing.
             time: when it is done; None: now.
 
         Example:
             >>> effect = home.tell([("mug", "in", "kitchen")], source="camera")
-            >>> effect = home.tell([("mug", "in", "bedroom")], source="Ann")
-            >>> home.undo().lost
-            [('mug', 'in', 'bedroom')]
+            >>> effect = home.tell([("lamp", "in", "kitchen")], source="Ann")
+            >>> home.undo(source="camera").removed
+            ['mug']
         """
         verb = checked(Undo, locals())
+        return self._would_undo(verb) if dry else self._undo(verb)
+
+    @changes
+    def _undo(self, verb: Undo) -> Effect:
         edit = self._edit(verb)
-        put_back(self.database, edit.number)
+        put_back(self.database, edit.number, _target(self.database, verb))
         return self._finished(edit)
+
+    @reads
+    def _would_undo(self, verb: Undo) -> Effect:
+        with Database() as copy:
+            self.database.copy_into(copy)
+            number = copy.add_change(verb.name(), copy.next_time())
+            put_back(copy, number, _target(copy, verb))
+            (change,) = changes_of(copy, number)
+        return effect_of(change)
+
+    def forget(self, older: timedelta | str) -> int:
+        """Drop the changes from the history that are older than some time, such as ``7d``, and give
+        their space back; their number. What holds stays as it is. They cannot be undone.
+
+        Example:
+            >>> effect = home.tell([("mug", "in", "kitchen")])
+            >>> home.forget("30d"), len(home.history())
+            (0, 1)
+        """
+        verb = checked(Forget, locals())
+        with self._lock:
+            return forget(self.database, time_before(verb.older))
 
     def _edit(self, verb: Verb) -> Edit:
         fields = dict(verb)
@@ -283,7 +315,9 @@ class Home(Questions):
 
     def train_again(self, bundle: Bundle) -> None:
         """Make a newly trained embedding that of this home; ``isi.train(home)`` calls it."""
-        self._take_training(with_words(LoadedEmbedding(**vars(bundle))))
+        functional = bundle.manifest.functional or self.base.manifest.functional
+        manifest = bundle.manifest.model_copy(update={"functional": functional})
+        self._take_training(with_words(LoadedEmbedding(**vars(replace(bundle, manifest=manifest)))))
 
     @changes
     def _take_training(self, loaded: LoadedEmbedding) -> None:
@@ -300,6 +334,10 @@ class Home(Questions):
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def _target(database: Database, verb: Undo) -> int:
+    return verb.change or last_change_of(database, verb.source)
 
 
 def open_home(folder: str | Path, durability: Durability = "full") -> Home:

@@ -25,7 +25,7 @@ from isi.home.derived import Derived
 from isi.home.facts import StoredFact
 from isi.home.inserted import InsertedEntity
 from isi.home.loaded import LoadedEmbedding, Query
-from isi.home.times import as_text, now
+from isi.home.times import time_before
 from isi.home.verbs import History, KnownFacts, NameList, Stale, checked
 
 if TYPE_CHECKING:  # PyTorch takes a second to import, and most questions do without
@@ -324,11 +324,7 @@ class Questions:
             []
         """
         verb = checked(Stale, locals())
-        try:
-            before = as_text((verb.since or now()) - verb.age)
-        except OverflowError as error:
-            raise InputError("argument 'age'", "", f"expected fewer years, got {age}") from error
-        return self.database.facts_not_seen_since(before)
+        return self.database.facts_not_seen_since(time_before(verb.age, verb.since))
 
     def __repr__(self) -> str:
         sizes = self.base.sizes()

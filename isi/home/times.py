@@ -1,6 +1,8 @@
 """Times as the database of a home holds them."""
 
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
+
+from isi.errors import InputError
 
 
 def now() -> datetime:
@@ -11,6 +13,14 @@ def now() -> datetime:
 def as_text(time: datetime) -> str:
     """A time in UTC, to the second, so that texts order as times do."""
     return f"{time.astimezone(UTC).replace(microsecond=0, tzinfo=None).isoformat()}Z"
+
+
+def time_before(age: timedelta, since: datetime | None = None) -> str:
+    """The text of a time some age before another one; None: now."""
+    try:
+        return as_text((since or now()) - age)
+    except OverflowError as error:
+        raise InputError("age", "", f"expected fewer years, got {age}") from error
 
 
 def as_seconds(text: str) -> int:

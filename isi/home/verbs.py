@@ -142,6 +142,9 @@ class Remove(Stamp):
 class Undo(Verb):
     """Take a change back: the last one, that of a source, or one by its number."""
 
+    change: Count | None = Field(None, description="number of the change; default: the last one")
+    source: Text | None = Field(None, description="the last change that this has reported")
+    dry: bool = Field(False, description="say what would be taken back, and change nothing")
     time: Time | None = Field(None, description="when it was made, as 2026-11-25T09:30")
 
 
@@ -201,9 +204,9 @@ class Stale(Verb):
 class Forget(Verb):
     """Drop old changes from the history; what holds stays, and they cannot be undone."""
 
-    older: Age = Field(description="older than this: 7d, 12h")
-
     places = ("older",)
+
+    older: Age = Field(description="older than this: 7d, 12h")
 
 
 class Save(Verb):
@@ -242,6 +245,7 @@ VERBS: dict[str, type[Verb]] = {
         KnownFacts,
         History,
         Stale,
+        Forget,
         Save,
     )
 }
