@@ -98,13 +98,13 @@ def test_what_a_camera_takes_back_leaves_the_word_of_a_person(home: Home) -> Non
     home.tell([("mug", "on", "e2"), ("e1", "on", "e9")], source="Ann")
     with pytest.raises(InputError, match="undo 3 first"):  # the mug is there by the first change
         home.undo(source="camera")
-    home.tell([("e3", "on", "e4")], source="camera")
+    home.tell([("e3", "on", "e5")], source="camera")
     before = seen(home), facts_of(home), len(home.history())
     effect = home.undo(source="camera", dry=True)
-    assert (effect.lost, effect.facts) == ([("e3", "on", "e4")], 0)
+    assert (effect.lost, effect.facts) == ([("e3", "on", "e5")], 0)
     assert (facts_of(home), len(home.history())) == before[1:]
     assert home.undo(source="camera").lost == effect.lost
-    assert home.undo(change=3).lost == [("mug", "on", "e2"), ("e1", "on", "e9")]
+    assert {*home.undo(change=3).lost} == {("mug", "on", "e2"), ("e1", "on", "e9")}
     for wrong in ({"change": 3}, {"change": 99}, {"source": "Ann"}):
         with pytest.raises(InputError):
             home.undo(**wrong)
@@ -114,8 +114,7 @@ def test_what_is_forgotten_holds_and_cannot_be_undone(tmp_path: Path) -> None:
     with isi.open(home_of(tmp_path / "home", KNOWN)) as home:
         home.tell([MUG])
         before = seen(home), facts_of(home)
-        assert home.forget("0s") == 0  # of the same second
-        time.sleep(1.1)
+        time.sleep(1.1)  # times are whole seconds
         assert home.forget("0s") == 1
         assert [change.verb for change in home.history()] == ["forget"]
         with pytest.raises(InputError):
