@@ -51,6 +51,7 @@ class Record(BaseModel):
         strict=True,
         frozen=True,
         allow_inf_nan=False,
+        defer_build=True,  # as of ``Section``
     )
 
 

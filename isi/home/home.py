@@ -18,8 +18,6 @@ from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any, Literal, Self
 
-from tqdm import tqdm
-
 from isi.config import check
 from isi.errors import InputError
 from isi.home import folder as folders
@@ -281,6 +279,8 @@ class Home(Questions):
 
         Without it, the first insertion with a number of facts makes the choice for this number.
         """
+        from tqdm import tqdm
+
         with self._lock:
             self.derived = self.derived.current()
             waiting = self.derived.choices.preparation()

@@ -130,7 +130,7 @@ class LoadedEmbedding(Bundle):
     @remembered
     def in_slot(self, relation: int, slot: int) -> list[int]:
         """The ids of the entities in a slot of the known triples of a relation, sorted."""
-        ids: list[int] = np.unique(self.of_relation(relation)[:, slot]).tolist()
+        ids: list[int] = distinct(self.of_relation(relation)[:, slot]).tolist()
         return ids
 
     @cached_property
@@ -151,11 +151,10 @@ class LoadedEmbedding(Bundle):
         """
         triples = self.of_relation(relation)
         others, kinds = triples[:, HEAD + TAIL - slot], self.kind_ids[triples[:, slot]]
-        pairs = np.unique(kinds[kinds >= 0] * len(self.entities) + others[kinds >= 0]) // len(
-            self.entities
-        )
+        number = len(self.entities)
+        pairs = distinct(kinds[kinds >= 0] * number + others[kinds >= 0]) // number
         usual, support = np.unique(pairs, return_counts=True)
-        usual = usual[(support > 1) | (support >= USUAL * len(np.unique(others)))]
+        usual = usual[(support > 1) | (support >= USUAL * len(distinct(others)))]
         fits = (
             (self.kind_ids < 0) | np.isin(self.kind_ids, usual)
             if len(pairs)
@@ -273,6 +272,12 @@ class LoadedEmbedding(Bundle):
             counts=None,
             words=None if self.words is None else self.words[rows],
         )
+
+
+def distinct(numbers: np.ndarray) -> np.ndarray:
+    """The distinct numbers, (N,), sorted, as ``np.unique``, which loads masked arrays for 20 ms."""
+    ordered = np.sort(numbers)
+    return ordered[np.diff(ordered, prepend=ordered[:1] - 1) > 0]
 
 
 def best_first(scores: np.ndarray) -> np.ndarray:
