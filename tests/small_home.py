@@ -11,9 +11,9 @@ import pytest
 
 from isi.home import choosing
 from isi.home.bundle import Fact
-from isi.home.choices import Choices
 from isi.home.home import Home
-from isi.home.inserted import Choice, Conditions
+from isi.home.inserted import Choice, Key
+from isi.home.loaded import LoadedEmbedding
 from isi.insertion.engine import Method
 from isi.insertion.hidden import HoldOut
 from isi.insertion.selection import named
@@ -24,7 +24,7 @@ KNOWN = replace(random_bundle(90), words=None, kinds=[KINDS[number % 2] for numb
 TRAINED = KNOWN.named_triples()
 #: Vectors of inserted entities by name; then, by query, what is said of each answer.
 Seen = tuple[dict[str, np.ndarray], dict[tuple[str, ...], dict[str, tuple[Any, ...]]]]
-CHOICES: dict[Conditions, Choice] = {}  # of ``KNOWN``
+CHOICES: dict[Key, Choice] = {}  # of ``KNOWN``
 
 
 def _selected(test: HoldOut, has_facts: bool, *_: Any, **__: Any) -> tuple[Method, None]:
@@ -32,14 +32,13 @@ def _selected(test: HoldOut, has_facts: bool, *_: Any, **__: Any) -> tuple[Metho
     return named("map" if has_facts else "mean", {}, test.theta0.model, entities), None
 
 
-_choose = Choices._choose
+_choose = choosing.choose
 
 
-def _remembered(made: Choices, conditions: Conditions) -> Choice:
-    same = conditions._replace(seed=0)
-    if same not in CHOICES:
-        CHOICES[same] = _choose(made, conditions)
-    return CHOICES[same]
+def _remembered(base: LoadedEmbedding, key: Key, selected: Choice | None = None) -> Choice:
+    if key not in CHOICES:
+        CHOICES[key] = _choose(base, key, selected)
+    return CHOICES[key]
 
 
 @contextmanager
@@ -49,7 +48,7 @@ def quick_choices(of_known: bool = False) -> Iterator[None]:
     ``of_known``: all homes inside are of ``KNOWN``, so that curves are fitted once.
     """
     choose = _remembered if of_known else _choose
-    with patch.object(choosing, "select", _selected), patch.object(Choices, "_choose", choose):
+    with patch.object(choosing, "select", _selected), patch.object(choosing, "choose", choose):
         yield
 
 

@@ -86,20 +86,22 @@ def test_an_insertion_is_that_of_the_library(home: Home, facts: list[Fact]) -> N
     assert home.inserted["stove"].kind == "object"
 
 
-def test_an_initializer_is_chosen_once_for_each_number_of_facts_as_by_the_library(
+def test_an_initializer_is_chosen_as_by_the_library_and_serves_entities_with_more_facts(
     bare: Home,
 ) -> None:
-    for number, name in ((2, "n2"), (2, "m2"), (3, "n3"), (4, "n4")):
+    chosen: dict[str, Any] = {}
+    for number, name in ((1, "n1"), (2, "n2"), (2, "m2"), (3, "n3"), (4, "n4")):
         facts = [(name, "in", f"e{row}") for row in range(number)]
         bare.tell(facts, entities=name)
         row = bare.inserted[name]
-        assert row.conditions.facts == min(number, 3)  # four are served by the choice for three
-        if name in ("n2", "n3"):
-            expected = by_library(bare, facts, [name], trained_with="logistic", harm=HARM)
-            chosen = expected.initializer, expected.details.options, expected.details.why
-            assert (row.initializer, row.options, row.why) == chosen
-            assert row.vector.tobytes() == expected.entities[-1].tobytes()
-    assert bare.database.rows("SELECT facts, words FROM choice") == [(2, 0), (3, 0)]
+        assert row.key == (min(number, 3), False, "")  # four are served by the choice for three
+        about = chosen or {"harm": HARM}
+        expected = by_library(bare, facts, [name], trained_with="logistic", **about)
+        assert (row.initializer, row.options) == (expected.initializer, expected.details.options)
+        assert row.vector.tobytes() == expected.entities[-1].tobytes()
+        chosen = {"initializer": row.initializer, "options": row.options}
+    stored = bare.database.rows("SELECT facts, words FROM choice ORDER BY facts")
+    assert stored == [(1, 0), (2, 0), (3, 0)]
 
 
 def test_probabilities_of_an_inserted_entity_are_those_of_the_library(bare: Home) -> None:

@@ -18,7 +18,7 @@ import pytest
 
 import isi
 from isi.__main__ import main
-from isi.home.choices import Choices
+from isi.home import choosing
 from isi.home.home import Home
 from isi.home.stream import answer, prepared_beside, serve
 from isi.initializers.api import INITIALIZERS, InitResult, initializer
@@ -327,7 +327,7 @@ def test_choices_are_made_beside_and_never_in_the_process_that_answers(
         asked = json.loads(answer(home, lines({"ask": ["e0", "in", None]})))
         assert asked["answers"]
         assert wait_for(lambda: not home.derived.choices.preparation())
-        monkeypatch.setattr(Choices, "_choose", None)
+        monkeypatch.setattr(choosing, "choose", None)
         told = [
             [f"a {number}", "in", f"e{place}"] for number in range(4) for place in range(number)
         ]

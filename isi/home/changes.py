@@ -10,6 +10,7 @@ from isi.errors import InputError, short
 from isi.home.bundle import Fact
 from isi.home.database import Database
 from isi.home.verbs import Confidence
+from isi.insertion.arguments import listed_triples
 
 
 @dataclass(frozen=True)
@@ -106,11 +107,7 @@ def checked_facts(facts: Any, confidence: float | None = None) -> dict[Fact, flo
     An ``InputError`` refuses what is not three texts and perhaps a number.
     """
     confidences = dict[Fact, float | None]()
-    if not isinstance(facts, list | tuple):
-        from isi.insertion.arguments import listed_triples  # here, since it loads PyTorch
-
-        facts = listed_triples(facts)
-    for number, row in enumerate(facts):
+    for number, row in enumerate(listed_triples(facts)):
         parts = list(row) if isinstance(row, list | tuple) or hasattr(row, "tolist") else [row]
         if len(parts) not in (3, 4) or not all(isinstance(part, str) for part in parts[:3]):
             expected = "expected head, relation and tail by name, and perhaps a confidence"

@@ -1,11 +1,14 @@
 """Choices of initializers for a home (``isi.home.choices``), made on hidden known entities."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
 
-from isi.home.inserted import Choice, Conditions
+from isi.home.inserted import Choice, Key
 from isi.home.loaded import LoadedEmbedding
+from isi.initializers.api import INITIALIZERS
+from isi.insertion.engine import Method
 from isi.insertion.hidden import HoldOut
 from isi.insertion.probability import fit_curves
 from isi.insertion.selection import named, one_score, select
@@ -17,17 +20,24 @@ HARM = 0.005
 
 
 @usual_torch()
-def choose(base: LoadedEmbedding, conditions: Conditions) -> Choice:
-    """What serves under some conditions best, and its curves; it takes some seconds."""
-    number, words, warnings = conditions.facts, conditions.words, list[str]()
-    test = hold_out(base, number, words)
-    if conditions.initializer is None:
-        method, selection = select(test, number > 0, words, harm=HARM)
-        warnings = list(selection.warnings) if selection else []
-    else:
-        options = dict(conditions.options)
-        method = named(conditions.initializer, options, base.model, len(base.entities))
+def choose(base: LoadedEmbedding, key: Key, selected: Choice | None = None) -> Choice:
+    """The choice for a key, with its curves; it takes some seconds.
+
+    ``selected``: one for names with words, or for fewer facts, whose initializer serves here, too;
+    None: one is selected, unless the key names it.
+    """
+    facts, has_words, requested = key
+    test = hold_out(base, facts, has_words)
+    method, warnings = None, list[str]()
+    if requested:
+        name, *options = json.loads(requested)
+        method = named(name, dict(options), base.model, len(base.entities))
         method = replace(method, trained_with=base.manifest.loss or "logistic")
+    elif selected is not None:
+        method = _as_selected(base, selected, has_words)
+    if method is None:
+        method, selection = select(test, facts > 0, has_words, harm=HARM)
+        warnings = list(selection.warnings) if selection else []
     draws = replace(test, loss=method.trained_with).hide()
     return Choice(
         method.initializer.name,
@@ -37,6 +47,19 @@ def choose(base: LoadedEmbedding, conditions: Conditions) -> Choice:
         warnings,
         None if draws is None else fit_curves(draws, method),
     )
+
+
+def _as_selected(base: LoadedEmbedding, selected: Choice, has_words: bool) -> Method | None:
+    """The method of a choice; None if it needs words and there are none."""
+    registered, options = INITIALIZERS.get(selected.initializer), dict(selected.options)
+    if not has_words:
+        if "words" in registered.needs:
+            return None
+        if (start := registered.starts_from) is not None:
+            options[start] = registered.defaults[start]
+    method = named(selected.initializer, options, base.model, len(base.entities))
+    loss = base.manifest.loss or selected.trained_with
+    return replace(method, why=selected.why, trained_with=loss)
 
 
 def hold_out(base: LoadedEmbedding, number: int, words: bool) -> HoldOut:

@@ -300,7 +300,7 @@ class Database(Connection):
         """
         return self.rows(
             "SELECT name, vector, vector.kind, vector.initializer, vector.options, why, fallback,"
-            " notes, facts, words, entity.initializer, entity.options, seed"
+            " notes, facts, words, entity.initializer, entity.options"
             " FROM vector JOIN entity ON entity.id = vector.entity WHERE change > ?",
             change,
         )

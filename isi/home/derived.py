@@ -37,13 +37,14 @@ class Derived:
     relations, ...) is derived when it is first asked for.
     """
 
-    def __init__(self, database: Database, base: LoadedEmbedding) -> None:
+    def __init__(
+        self, database: Database, base: LoadedEmbedding, choices: Choices | None = None
+    ) -> None:
         """Derive everything from the tables; ``base``: their trained embedding."""
         self.database = database
         self.base = base  #: the trained entities, with the triples of training
         self.training = database.last_training()  #: that of ``base``
-        has_words = base.words is not None and base.manifest.words is not None
-        self.choices = Choices(base, has_words, database, self.training)
+        self.choices = choices or Choices(base, database)
         self.last_change = database.last_change()
         self.rows = dict[str, InsertedEntity]()  #: inserted entities, in order
         self._known_curves = dict[tuple[int, int], Curve | None]()  # by relation and slot
@@ -236,8 +237,8 @@ class Derived:
                 self._known_curves[relation, slot] = fit_curve(self.base, relation, slot)
             return self._known_curves[relation, slot]
         row = self.rows[self.now.entity_names[entity]]
-        curves = self.choices.choice(row.conditions).curves
-        return None if curves is None else curves.of(relation)
+        choice = self.choices.find(row.key)
+        return None if choice is None or choice.curves is None else choice.curves.of(relation)
 
     def snapshot(self, name: str) -> Snapshot:
         """An inserted entity as explanations read it."""

@@ -99,7 +99,7 @@ class Snapshot:
     def again(self) -> tuple[Details, int]:
         """The insertion, computed again, and the place of the entity in it."""
         members = dict(sorted(self.members.items()))
-        result = self.groups.result(members, self.known_triples, self.row.conditions)
+        result = self.groups.result(members, self.known_triples, self.row)
         return result, list(members).index(self.row.entity)
 
 

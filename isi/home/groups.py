@@ -13,7 +13,7 @@ import torch
 from isi.errors import InputError
 from isi.home.bundle import Fact, NewEntity
 from isi.home.choices import Choices, prepared
-from isi.home.inserted import Choice, Conditions, InsertedEntity
+from isi.home.inserted import Choice, InsertedEntity, Key, requested
 from isi.home.loaded import LoadedEmbedding
 from isi.home.phrases import PhraseVector, PhraseVectors
 from isi.initializers.scale import fit_scale
@@ -79,17 +79,17 @@ class EntityGroups:
         entity that has neither facts nor words nor an initializer of its own.
         """
         members = dict(sorted(members.items()))
-        groups = dict[tuple[Conditions, str], dict[str, Member]]()
+        groups = dict[tuple[Key, int, str], dict[str, Member]]()
         for names in components(members):
             together = {name: members[name] for name in names}
-            conditions = _conditions(together, members.keys())
-            # entities that share no facts are inserted at once if their conditions are equal
+            key, seed = _key_and_seed(together, members.keys())
+            # entities that share no facts are inserted at once if their keys are equal
             alone = names[0] if len(names) > 1 else ""
-            groups.setdefault((conditions, alone), {}).update(together)
+            groups.setdefault((key, seed, alone), {}).update(together)
         inserted = dict[str, InsertedEntity]()
-        for (conditions, _), together in groups.items():
-            choice = self.choices.choice(conditions)
-            result = self._insert(conditions, choice, together, known_triples)
+        for (key, seed, _), together in groups.items():
+            choice = self.choices.needed(key)
+            result = self._insert(choice, seed, together, known_triples)
             for place, (name, member) in enumerate(together.items()):
                 inserted[name] = InsertedEntity(
                     entity=name,
@@ -100,23 +100,26 @@ class EntityGroups:
                     why=choice.why,
                     fallback=result.fallback[place],
                     notes=member.notes,
-                    conditions=conditions,
+                    key=key,
                 )
         return inserted
 
     def result(
-        self, members: Mapping[str, Member], known_triples: np.ndarray, conditions: Conditions
+        self, members: Mapping[str, Member], known_triples: np.ndarray, row: InsertedEntity
     ) -> Details:
         """All that the engine says of entities that share facts, sorted by name, when they are
-        inserted under ``conditions``.
+        inserted as one of them was, whose ``row`` it is.
         """
-        choice = self.choices.choice(conditions)
-        return self._insert(_conditions(members, members), choice, members, known_triples)
+        choice = self.choices.find(row.key)
+        if choice is None:
+            choice = Choice(row.initializer, row.options, row.why, "logistic", (), None)
+        _, seed = _key_and_seed(members, members)
+        return self._insert(choice, seed, members, known_triples)
 
     def _insert(
         self,
-        conditions: Conditions,
         choice: Choice,
+        seed: int,
         members: Mapping[str, Member],
         known_triples: np.ndarray,
     ) -> Details:
@@ -137,7 +140,7 @@ class EntityGroups:
             initializer=choice.initializer,
             options=choice.options,
             trained_with=base.manifest.loss or choice.trained_with,
-            seed=conditions.seed,
+            seed=seed,
             entity_keys=np.array([crc32(name.encode()) for name in members], np.int64),
             confidence=list(facts.values()) if doubtful else None,
         )
@@ -180,12 +183,12 @@ class EntityGroups:
         return row
 
 
-def _conditions(members: Mapping[str, Member], inserted: Collection[str]) -> Conditions:
-    """Under what conditions entities that share facts are inserted."""
+def _key_and_seed(members: Mapping[str, Member], inserted: Collection[str]) -> tuple[Key, int]:
+    """The key of the choice for entities that share facts, and their seed."""
     requests, known_facts = set(), 0
     for name, member in members.items():
         about, facts = member.about, member.facts
-        requests.add((about.initializer, tuple(sorted(about.options.items())), about.seed))
+        requests.add((requested(about.initializer, about.options), about.seed))
         if not facts and member.words.vector is None and about.initializer is None:
             expected = f"expected a fact or a word vector; {member.words.note}"
             raise InputError(repr(name)[:80], "", expected)
@@ -196,9 +199,9 @@ def _conditions(members: Mapping[str, Member], inserted: Collection[str]) -> Con
             "and one seed of entities that share a fact"
         )
         raise InputError(", ".join(members)[:80], "", expected)
-    (request,) = requests
+    ((initializer, seed),) = requests
     all_have_words = all(member.words.vector is not None for member in members.values())
-    return Conditions(prepared(known_facts / len(members)), all_have_words, *request)
+    return (prepared(known_facts / len(members)), all_have_words, initializer), seed
 
 
 def components(members: Mapping[str, Member]) -> Iterator[list[str]]:

@@ -23,11 +23,13 @@ from isi.errors import InputError
 from isi.home import folder as folders
 from isi.home.bundle import Bundle
 from isi.home.changes import Effect, changes_of, checked_facts, effect_of
+from isi.home.choices import Choices
 from isi.home.connection import DatabaseFailure
 from isi.home.database import Database
 from isi.home.derived import Derived, with_own_words
 from isi.home.edit import Edit
 from isi.home.folder import Durability
+from isi.home.inserted import Key
 from isi.home.loaded import LoadedEmbedding
 from isi.home.phrases import with_words
 from isi.home.questions import Questions, one_at_a_time, reads
@@ -41,6 +43,7 @@ def _change(home: Home) -> Iterator[None]:
     before = home.derived
     try:
         with home.database.transaction(waiting=0):
+            home.derived = before = before.current()
             yield
     except DatabaseFailure as error:
         if not error.is_locked:
@@ -281,14 +284,18 @@ class Home(Questions):
         """
         from tqdm import tqdm
 
-        with self._lock:
-            self.derived = self.derived.current()
-            waiting = self.derived.choices.preparation()
+        waiting = self._preparation()
         bar = tqdm(waiting, "initializers", leave=False, disable=None if progress else True)
-        for conditions in bar:
-            with self._lock:
-                self.derived = self.derived.current()
-                self.derived.choices.choice(conditions)
+        for key in bar:
+            self._choose(key)
+
+    @reads
+    def _preparation(self) -> list[Key]:
+        return self.derived.choices.preparation()
+
+    @changes
+    def _choose(self, key: Key) -> None:
+        self.derived.choices.needed(key)
 
     @reads
     def save(self, folder: str | Path | None = None) -> None:
@@ -317,12 +324,13 @@ class Home(Questions):
         """Make a newly trained embedding that of this home; ``isi.train(home)`` calls it."""
         functional = bundle.manifest.functional or self.base.manifest.functional
         manifest = bundle.manifest.model_copy(update={"functional": functional})
-        self._take_training(with_words(LoadedEmbedding(**vars(replace(bundle, manifest=manifest)))))
+        loaded = with_words(LoadedEmbedding(**vars(replace(bundle, manifest=manifest))))
+        self._take_training(loaded, Choices(loaded, self.database))
 
     @changes
-    def _take_training(self, loaded: LoadedEmbedding) -> None:
+    def _take_training(self, loaded: LoadedEmbedding, choices: Choices) -> None:
         change = self.database.put_training(loaded, None, keep=True)
-        self.derived = Derived(self.database, loaded).with_all_inserted(change)
+        self.derived = Derived(self.database, loaded, choices).with_all_inserted(change)
 
     def close(self) -> None:
         """Close the home. What is done with it afterwards is an ``InputError``."""

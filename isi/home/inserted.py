@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -13,30 +13,20 @@ from isi.evaluation.platt import Curves
 from isi.home.bundle import LossName
 from isi.home.database import Database
 
+#: On what a choice depends: the number of facts with known entities, one of
+#: ``isi.home.choices.PREPARED`` (of several new entities, the mean); whether all have word vectors;
+#: what was asked for (``requested``).
+Key = tuple[int, bool, str]
 
-class Conditions(NamedTuple):
-    """The conditions of an insertion: under equal ones, entities get the same initializer."""
 
-    facts: int  #: mean number with known entities; one of ``isi.home.choices.PREPARED``
-    words: bool  #: whether all have word vectors
-    initializer: str | None  #: None: the one selected for so many facts
-    options: tuple[tuple[str, Any], ...]
-    seed: int
-
-    @property
-    def requested(self) -> str:
-        """The initializer that was asked for, with its options; empty for none."""
-        return "" if self.initializer is None else json.dumps([self.initializer, *self.options])
-
-    @property
-    def key(self) -> tuple[int, bool, str]:
-        """What a choice depends on."""
-        return self.facts, self.words, self.requested
+def requested(initializer: str | None, options: Mapping[str, Any]) -> str:
+    """An initializer that was asked for, with its options, as JSON; empty if none was."""
+    return "" if initializer is None else json.dumps([initializer, *sorted(options.items())])
 
 
 @dataclass(frozen=True)
 class Choice:
-    """What serves entities under some conditions, as tested on hidden known ones."""
+    """What serves the entities of a ``Key``, as tested on hidden known ones."""
 
     initializer: str
     options: Mapping[str, Any]
@@ -58,13 +48,13 @@ class InsertedEntity:
     why: str  #: the reason for this initializer
     fallback: str | None  #: the rule that replaced it for lack of data, or None
     notes: tuple[str, ...]
-    conditions: Conditions
+    key: Key
 
     @classmethod
     def of_row(cls, row: Sequence[Any], dtype: np.dtype[Any]) -> InsertedEntity:
         """The entity of a row of ``Database.vectors_after``; ``dtype``: of vectors."""
-        entity, vector, kind, initializer, options, why, fallback, notes, *of_conditions = row
-        facts, words, requested, requested_options, seed = of_conditions
+        entity, vector, kind, initializer, options, why, fallback, notes, *of_key = row
+        facts, words, named, named_options = of_key
         return cls(
             entity=entity,
             vector=np.frombuffer(vector, dtype),
@@ -74,13 +64,7 @@ class InsertedEntity:
             why=why,
             fallback=fallback,
             notes=tuple(json.loads(notes)),
-            conditions=Conditions(
-                facts,
-                bool(words),
-                requested,
-                tuple(sorted(json.loads(requested_options).items())),
-                seed,
-            ),
+            key=(facts, bool(words), requested(named, json.loads(named_options))),
         )
 
     def store(self, database: Database, change: int) -> None:
@@ -94,8 +78,8 @@ class InsertedEntity:
             "fallback": self.fallback,
             "kind": self.kind,
             "notes": json.dumps(self.notes),
-            "facts": self.conditions.facts,
-            "words": self.conditions.words,
+            "facts": self.key[0],
+            "words": self.key[1],
             "vector": self.vector.tobytes(),
         }
         database.put_vector(row)

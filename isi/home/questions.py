@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from datetime import datetime, timedelta
 from functools import partial, wraps
@@ -19,6 +19,7 @@ from isi.errors import InputError
 from isi.graph.graph import HEAD, TAIL
 from isi.home.answers import Answers, answer, answer_relation
 from isi.home.changes import Change, changes_of
+from isi.home.choices import NotChosen
 from isi.home.connection import patiently
 from isi.home.database import Database
 from isi.home.derived import Derived
@@ -40,9 +41,10 @@ R = TypeVar("R")
 def one_at_a_time(
     begin: Callable[[Any], AbstractContextManager[Any]],
 ) -> Callable[[Callable[Concatenate[Any, P], R]], Callable[Concatenate[Any, P], R]]:
-    """Decorates methods of which one thread runs one at a time, after what other processes have
-    changed is taken over; ``begin``: what it sees or writes is of one moment. While another program
-    writes, others run.
+    """Decorates methods of which one thread runs one at a time; ``begin``: what it sees or writes
+    is of one moment, after what other processes have changed is taken over. While another program
+    writes, others run. Where a choice is missing, it is made while nothing is locked, and the
+    method begins again.
     """
 
     def decorate(method: Callable[Concatenate[Any, P], R]) -> Callable[Concatenate[Any, P], R]:
@@ -53,22 +55,35 @@ def one_at_a_time(
                 self._is_inside = True
                 try:
                     with begin(self):
-                        self.derived = self.derived.current()
                         return method(self, *args, **kwargs)
                 finally:
                     self._is_inside = False
 
         @wraps(method)
         def locked(self: Any, /, *args: P.args, **kwargs: P.kwargs) -> R:
-            return patiently(partial(once, self, *args, **kwargs))
+            listed: Any = [_whole(value) for value in args]
+            named: Any = {name: _whole(value) for name, value in kwargs.items()}
+            while True:
+                try:
+                    return patiently(partial(once, self, *listed, **named))
+                except NotChosen as missing:
+                    missing.make()
 
         return locked
 
     return decorate
 
 
-def _question(home: Questions) -> AbstractContextManager[None]:
-    return home.database.snapshot()
+def _whole(value: object) -> object:
+    """What can be read a second time."""
+    return list(value) if isinstance(value, Iterator) else value
+
+
+@contextmanager
+def _question(home: Questions) -> Iterator[None]:
+    with home.database.snapshot():
+        home.derived = home.derived.current()
+        yield
 
 
 reads = one_at_a_time(_question)
