@@ -257,7 +257,7 @@ class Questions:
 
         Example:
             >>> home.base.entity_names[:2], home.base.manifest.model_name
-            (['bed', 'bedroom'], 'distmult')
+            (['bed', 'bedroom'], 'complex')
         """
         return self.derived.base
 
