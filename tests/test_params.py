@@ -2,7 +2,7 @@
 
 import operator
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import reduce
 from pathlib import Path
 from typing import Any, Literal
@@ -52,6 +52,27 @@ def test_the_params_of_the_repository_load_with_the_papers_values() -> None:
     assert (of_paper.finetuning.learning_rate, of_paper.finetuning.max_epochs) == (0.002, 150)
     assert params.initializers["xavier"] == {}
     assert params.initializers["ers"] == {"k": 9, "candidates": 30}
+
+
+def lists_of_names(values: Any, key: str = "") -> Iterator[str]:
+    """The dotted keys of lists of names of experiments and initializers."""
+    if isinstance(values, dict):
+        for name, value in values.items():
+            yield from lists_of_names(value, f"{key}.{name}".lstrip("."))
+    elif key.rpartition(".")[2] in ("experiments", "initializers") and isinstance(values, list):
+        yield key
+
+
+PARAMS = yaml.safe_load(paths.PARAMS.read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("key", lists_of_names(PARAMS))
+def test_an_unknown_name_in_any_list_is_reported_at_its_key(tmp_path: Path, key: str) -> None:
+    names = reduce(operator.getitem, key.split("."), PARAMS)
+    with pytest.raises(InputError, match=key.partition(".")[0]) as refused:
+        changed(tmp_path, {key: [*names, "qxz"]})
+    if key != "affordances.experiments":  # each of these has a list of entities, which is missed
+        assert refused.value.place.startswith(key)
 
 
 REFUSED = yaml.safe_load((Path(__file__).parent / "refused_params.yaml").read_text("utf-8"))
