@@ -1,6 +1,7 @@
 """Public functions compute the same under any settings of PyTorch, and leave these as they were."""
 
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
 from functools import cache
 from typing import Any
@@ -119,3 +120,16 @@ def test_the_callers_settings_change_no_result_and_stay(compute: Callable[[], li
             before = state()
             assert as_bytes(compute()) == expected, name
             assert state() == before, name
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("compute", [insertion, training_of_new_rows, benchmark])
+def test_threads_under_another_default_compute_as_one_alone_and_leave_it(
+    compute: Callable[[], list[Any]],
+) -> None:
+    expected = as_bytes(compute())
+    with changed(torch.set_default_dtype, torch.float64, torch.float32):
+        with ThreadPoolExecutor(4) as threads:
+            results = list(threads.map(lambda _: as_bytes(compute()), range(6)))
+        assert torch.get_default_dtype() == torch.float64
+    assert results == [expected] * 6

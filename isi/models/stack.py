@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, fields, is_dataclass, replace
+from threading import Lock
 from typing import Any, TypeVar
 
 import numpy as np
@@ -20,20 +21,46 @@ DENORMAL = 1e-40  #: A float32 below the smallest number of full precision.
 MARGIN_TRIPLES = 1000  #: Maximum number of triples from which a margin is estimated.
 
 
+class _OfProcess:
+    """The settings of the process, which threads that compute share."""
+
+    def __init__(self) -> None:
+        self._lock, self._inside, self._before = Lock(), 0, ExitStack()
+
+    def __enter__(self) -> None:
+        with self._lock:
+            self._inside += 1
+            if self._inside > 1:
+                return
+            self._before.callback(torch.set_default_dtype, torch.get_default_dtype())
+            torch.set_default_dtype(torch.float32)
+            products = getattr(torch.backends.mkldnn, "matmul", None)  # from PyTorch 2.9 on
+            if products is not None:
+                self._before.callback(setattr, products, "fp32_precision", products.fp32_precision)
+                products.fp32_precision = "ieee"
+
+    def __exit__(self, *_: object) -> None:
+        with self._lock:
+            self._inside -= 1
+            if not self._inside:
+                self._before.close()
+
+
+_of_process = _OfProcess()
+
+
 @contextmanager
 def usual_torch() -> Iterator[None]:
     """Compute under PyTorch's usual settings, whatever those of the caller: float32 with products
     of full precision, on the CPU, no autocast, no inference mode, gradients where they are asked
     for. And with zero in place of denormal numbers, which are slow (dead coordinates have many).
     Then as before.
+
+    The default type and the precision of products are the process's: they are the usual ones while
+    any thread is inside, and the caller's again when the last one leaves.
     """
     with ExitStack() as settings:
-        settings.callback(torch.set_default_dtype, torch.get_default_dtype())
-        torch.set_default_dtype(torch.float32)
-        products = getattr(torch.backends.mkldnn, "matmul", None)  # from PyTorch 2.9 on
-        if products is not None:
-            settings.callback(setattr, products, "fp32_precision", products.fp32_precision)
-            products.fp32_precision = "ieee"
+        settings.enter_context(_of_process)
         if torch.get_default_device().type != "cpu":
             settings.enter_context(torch.device("cpu"))
         settings.enter_context(torch.autocast("cpu", enabled=False))
