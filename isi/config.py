@@ -175,10 +175,10 @@ class _PlacedDecoder(json.JSONDecoder):
         self.parse_object = self._object_at
         self.scan_once = py_make_scanner(self)
 
-    def _object_at(self, place: tuple[str, int], *how: Any) -> Any:
+    def _object_at(self, place: tuple[str, int], *rest: Any) -> Any:
         text, start = place
         try:
-            return JSONObject(place, *how)
+            return JSONObject(place, *rest)
         except InputError as error:
             line = error.place or f"line {1 + text.count(chr(10), 0, start)}"
             raise InputError("", line, error.message) from error

@@ -79,9 +79,9 @@ class ChangeOptions:
             print("nothing is written")
 
 
-def _change(verb: verbs.Verb, how: ChangeOptions) -> None:
-    with home_in(how.folder, how.dry_run) as home, named_options():
-        how.show(home, verb.of(home))
+def _change(verb: verbs.Verb, change_options: ChangeOptions) -> None:
+    with home_in(change_options.folder, change_options.dry_run) as home, named_options():
+        change_options.show(home, verb.of(home))
 
 
 @command_of
@@ -92,35 +92,35 @@ def tell(
         tuple[Path, ...], Parameter(name="--from", help="triples, scenes, ...: all their facts")
     ] = (),
     verbose: Verbose = False,
-    how: ChangeOptions = ChangeOptions(),
+    change_options: ChangeOptions = ChangeOptions(),
 ) -> None:
     """Tell facts; what is not known yet is inserted."""
     if not (verb.facts or verb.entities or from_):
         raise InputError("", "", "expected HEAD RELATION TAIL, --entity NAME or --from FILE")
-    with home_in(how.folder, how.dry_run) as home, named_options():
+    with home_in(change_options.folder, change_options.dry_run) as home, named_options():
         if from_:
             rows, kinds = _from_files(home, from_)
             told = {"facts": [*verb.facts, *rows], "kind": verb.kind or kinds}
             verb = verb.model_copy(update=told)
-        how.show(home, verb.of(home), is_told=True, verbose=verbose)
+        change_options.show(home, verb.of(home), is_told=True, verbose=verbose)
 
 
 @command_of
-def move(verb: verbs.Move, *, how: ChangeOptions = ChangeOptions()) -> None:
+def move(verb: verbs.Move, *, change_options: ChangeOptions = ChangeOptions()) -> None:
     """Replace the facts with a head and a relation by one."""
-    _change(verb, how)
+    _change(verb, change_options)
 
 
 @command_of
-def remove(verb: verbs.Remove, *, how: ChangeOptions = ChangeOptions()) -> None:
+def remove(verb: verbs.Remove, *, change_options: ChangeOptions = ChangeOptions()) -> None:
     """Take back inserted entities, or single facts."""
-    _change(verb, how)
+    _change(verb, change_options)
 
 
 @command_of
-def undo(verb: verbs.Undo, *, how: ChangeOptions = ChangeOptions()) -> None:
+def undo(verb: verbs.Undo, *, change_options: ChangeOptions = ChangeOptions()) -> None:
     """Take a change back."""
-    _change(verb, how)
+    _change(verb, change_options)
 
 
 # -- questions -------------------------------------------------------------------------------------
