@@ -238,7 +238,7 @@ class Connection:
             return
         self.look()
         if self.is_read_only and not of_copy:
-            raise InputError(self.path, "", f"cannot be changed: {self.refusal}")
+            raise InputError(self.path, "", self.refusal)
         patiently(partial(self.execute, "BEGIN IMMEDIATE"), waiting)
         try:
             with self._in_words():

@@ -9,7 +9,7 @@ What it says is the state. A change is one transaction. Its effects, with what s
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
@@ -100,15 +100,23 @@ class Database(Connection):
             return version
         raise InputError(self.path, "", "is a database of another program, or a damaged one")
 
-    def make(self) -> None:
-        """Make the tables of a home. To be called in a transaction."""
-        for statement in (*TABLES.values(), *FURTHER):
+    def make(self, fill: Callable[["Database"], object]) -> None:
+        """Make the tables of a home anew, with the rows that ``fill`` writes. To be called in a
+        transaction, without foreign keys if there are tables.
+        """
+        if self.checked_version():
+            self.execute("DROP VIEW now")
+            self.execute("DROP VIEW history")
+            for table in TABLES:
+                self.execute(f"DROP TABLE {table}")
+        for statement in TABLES.values():
+            self.execute(statement)
+        fill(self)
+        for statement in FURTHER:
             self.execute(statement)
 
-    def replace_by(self, other: "Database") -> None:
-        """Take over all rows of another home. To be called in a transaction."""
-        for table in reversed(TABLES):
-            self.execute(f"DELETE FROM {table}")
+    def copy_from(self, other: "Database") -> None:
+        """Write all rows of another home into new tables."""
         for table in TABLES:
             rows = other.connection.execute(f"SELECT * FROM {table}")
             places = ", ".join("?" * len(rows.description))

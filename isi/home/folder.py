@@ -1,7 +1,9 @@
 """The folder of a home: its database is made, opened, copied and replaced."""
 
 import os
+from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -22,15 +24,14 @@ def create(bundle: Bundle, folder: Path | None = None, time: str | None = None) 
 
     ``InputError`` if a home with changes is there, or what the folder has is no home.
     """
+    fill = partial(Database.put_training, bundle=bundle, time=time, keep=False)
+    if folder is not None:
+        _write(folder, fill)
+        return opened(folder)
     database = Database()
     with database.transaction():
-        database.make()
-        database.put_training(bundle, time, keep=False)
-    if folder is None:
-        return database
-    with database:
-        write_to(folder, database)
-    return opened(folder)
+        database.make(fill)
+    return database
 
 
 def opened(folder: Path, durability: Durability = "full") -> Database:
@@ -68,16 +69,23 @@ def is_home(path: Path) -> bool:
 def _refusal(folder: Path) -> str:
     """Why the home of a folder cannot be changed; empty if it can."""
     if not os.access(folder, os.W_OK):
-        return f"you may not write into {folder}"
+        return f"cannot be changed: you may not write into {folder}"
     for ending in ("", LOG, INDEX):
         path = folder / f"{DATABASE}{ending}"
         if path.exists() and not os.access(path, os.W_OK):
-            return f"you may not write {path.name}, which {path.owner()} owns"
+            return f"cannot be changed: you may not write {path.name}, which {path.owner()} owns"
     return ""
 
 
 def write_to(folder: Path, database: Database) -> None:
-    """Write a copy of a home into another folder, as a whole or not at all."""
+    """Write a copy of a home into another folder, as a whole or not at all. To be called in a
+    snapshot.
+    """
+    _write(folder, partial(Database.copy_from, other=database))
+
+
+def _write(folder: Path, fill: Callable[[Database], object]) -> None:
+    """Write a home into a folder, or over one without changes; ``fill`` writes its rows."""
     check_free(folder)
     path = folder / DATABASE
     is_new = not path.exists()
@@ -87,14 +95,13 @@ def write_to(folder: Path, database: Database) -> None:
     except OSError as error:
         raise unwritable(path, error) from error
     try:
-        with Database(folder) as copy:
-            with copy.transaction():
-                if copy.checked_version():
-                    _refuse_changes(copy)
-                else:
-                    copy.make()
-                copy.replace_by(database)
-            copy.keep_log()
+        with Database(folder) as database:
+            database.execute("PRAGMA foreign_keys = 0")
+            with database.transaction():
+                if database.checked_version():
+                    _refuse_changes(database)
+                database.make(fill)
+            database.keep_log()
     except BaseException:
         with suppress(OSError):
             if is_new and not path.stat().st_size:
