@@ -63,6 +63,7 @@ class WordSource(Record):
     text: Text
     #: the sentence model that made them; None if there was none or it is unknown
     model: Text | None
+    sha256: Text | None = None  #: of the file; None: unknown
 
 
 #: ``isi.models.losses.LOSSES``: that module takes a second to import, and many commands need none.

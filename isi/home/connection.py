@@ -11,7 +11,7 @@ from contextlib import closing, contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Self, TypeVar
+from typing import Any, NamedTuple, Self, TypeVar
 
 from isi.errors import InputError, at
 
@@ -66,6 +66,15 @@ def patiently(attempt: Callable[[], R], waiting: float = WAITING) -> R:
         time.sleep(SLICE)
 
 
+class Marks(NamedTuple):
+    """What tells the files of a database from others."""
+
+    file: tuple[int, int] | None  #: device and inode
+    log: tuple[int, int] | None
+    content: tuple[int, int] | None  #: size and time
+    of_log: Any  #: of a database that is read alone: what tells its log from a longer one
+
+
 class Connection:
     """A connection to the database of a folder, or to one in memory. Several threads may use it in
     turn. No transaction begins by itself.
@@ -84,6 +93,7 @@ class Connection:
         self._process = os.getpid()
         self._copies = 0
         self._opened = self._marks()
+        self._seen = 0, 0  #: version and last change
         self._connection: sqlite3.Connection | None = self._connected()
 
     def _connected(self) -> sqlite3.Connection:
@@ -117,7 +127,7 @@ class Connection:
             )
             raise InputError(self.path, "", no_log)
         self.rows("SELECT 1 FROM sqlite_master")
-        self._opened = self._opened[0], self._marks()[1]
+        self._opened = self._marks()._replace(file=self._opened.file)
 
     @property
     def connection(self) -> sqlite3.Connection:
@@ -163,38 +173,59 @@ class Connection:
         marks, opened = self._marks(), self._opened
         if self.folder is None or self._connection is None or marks == opened:
             return
-        if marks[0] is None:
-            why = "was deleted or moved while it was open: open it where it is now"
-        elif self.is_read_only:
+        if self.is_read_only and marks.file is not None:
             self._opened = marks
             self._connection = self._connected()
             self.use()
             return
-        elif marks[0] != opened[0]:
+        if marks.file is None:
+            why = "was deleted or moved while it was open: open it where it is now"
+        elif marks.file != opened.file:
             why = "was replaced by another file while it was open: open it again"
-        elif opened[1] is None:  # it had none when it was opened
-            return
-        else:
-            if marks[1] is None:  # what is in the deleted log alone is saved
+        elif opened.log not in (None, marks.log):
+            if marks.log is None:  # what is in the deleted log alone is saved
                 with suppress(sqlite3.Error):
                     self._connection.execute("PRAGMA wal_checkpoint")
             why = f"lost its log, {DATABASE}{LOG}, while it was open: open it again"
+        elif marks.content == opened.content or self._has_all():
+            self._opened = marks
+            return
+        else:
+            why = "was overwritten while it was open (a copy was put back?): open it again"
         raise InputError(self.path, "", why)
 
-    def _marks(self) -> tuple[tuple[int, ...] | bytes | None, ...]:
-        """What tells the database and its log from other files: device and inode. Of a copy in
-        memory also size and time, and what the index says of the last change.
+    def _has_all(self) -> bool:
+        """Whether the file has the last change that was seen, since something has been written into
+        it.
         """
-        if not self.is_read_only:
-            return _mark(self._path), _mark(self._log)
+        if self._seen[0] != self.value("PRAGMA data_version"):
+            return True  # a change of another process
+        try:
+            with closing(sqlite3.connect(self._path)) as other:
+                ((last,),) = other.execute("SELECT max(id) FROM change").fetchall()
+                sound = other.execute("PRAGMA quick_check(1)").fetchall() == [("ok",)]
+        except sqlite3.Error:
+            return False
+        return sound and last >= self._seen[1]
+
+    def _marks(self) -> Marks:
         head = b""
-        with suppress(OSError), Path(f"{self._path}{INDEX}").open("rb") as index:
-            head = index.read(48)
-        return _mark(self._path, True), _mark(self._log, True), head
+        if self.is_read_only:
+            with suppress(OSError), Path(f"{self._path}{INDEX}").open("rb") as index:
+                head = index.read(48)
+        (file, content), (log, log_content) = _mark(self._path), _mark(self._log)
+        return Marks(file, log, content, (log_content, head) if self.is_read_only else None)
 
     def version(self) -> int:
         """A number that changes when another connection changes the database."""
-        return self._copies or int(self.rows("PRAGMA data_version")[0][0])
+        version = int(self.value("PRAGMA data_version"))
+        if version != self._seen[0]:
+            self._see(version)
+        return self._copies or version
+
+    def _see(self, version: int) -> None:
+        """Remember the last change."""
+        self._seen = version, int(self.value("SELECT max(id) FROM change") or 0)
 
     # -- statements --------------------------------------------------------------------------------
 
@@ -245,6 +276,9 @@ class Connection:
                 yield
             self.look()
             patiently(partial(self.execute, "COMMIT"))
+            if self.folder is not None and not self.is_read_only:
+                self._opened = self._opened._replace(content=_mark(self._path)[1])
+                self._see(self._seen[0])
         except BaseException:
             with suppress(sqlite3.Error):
                 self.connection.rollback()
@@ -266,14 +300,13 @@ class Connection:
                 self._connection.rollback()
 
 
-def _mark(path: str, with_content: bool = False) -> tuple[int, ...] | None:
+def _mark(path: str) -> tuple[tuple[int, int] | None, tuple[int, int] | None]:
+    """Device and inode, and size and time, of a file."""
     try:
         file = os.stat(path)  # noqa: PTH116  # at each call, in a third of the time
     except OSError:
-        return None
-    if with_content:
-        return file.st_dev, file.st_ino, file.st_size, file.st_mtime_ns
-    return file.st_dev, file.st_ino
+        return None, None
+    return (file.st_dev, file.st_ino), (file.st_size, file.st_mtime_ns)
 
 
 def content_of(file: Path) -> bytes:

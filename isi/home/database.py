@@ -59,6 +59,11 @@ TAKEN: dict[str, Literal["retracted", "removed"]] = {"trained": "retracted", "ad
 OF_ENTITY = ("kind", "phrase", "definition", "initializer", "options", "seed")
 
 
+#: Number, verb, time and source of a change.
+Listed = tuple[int, str, str, str | None]
+LISTED = "SELECT id, verb, time, source FROM change"
+
+
 class Database(Connection):
     """The database of a folder or in memory (``isi.home.folder`` makes and opens them). It is asked
     and told by names.
@@ -350,8 +355,14 @@ class Database(Connection):
         """List a change no longer, since it has no effect."""
         self.execute("DELETE FROM change WHERE id = ?", change)
 
-    def last_change(self) -> int:
-        return int(self.value("SELECT max(id) FROM change"))
+    def last_change(self) -> Listed:
+        """Number, verb, time and source of the last change."""
+        changes: list[Listed] = self.rows(f"{LISTED} ORDER BY id DESC LIMIT 1")
+        return changes[0]
+
+    def lists(self, change: Listed) -> bool:
+        """Whether a change is listed: else it was forgotten, or a copy was put back."""
+        return change in self.rows(f"{LISTED} WHERE id = ?", change[0])
 
     def number_of_changes(self) -> int:
         """Changes since training, those that were undone included."""

@@ -21,6 +21,7 @@ from isi.home.folder import trained
 from isi.home.inserted import InsertedEntity
 from isi.home.loaded import LoadedEmbedding
 from isi.home.phrases import phrase_vectors, with_words
+from isi.home.times import as_text
 from isi.names import plain
 from isi.vocabulary import Vocabulary
 
@@ -65,12 +66,13 @@ class Derived:
         version = self.database.version()
         if version == self._version:
             return self
-        if self.database.last_training() != self.training:
+        is_trained = self.database.last_training() != self.training
+        if is_trained or not self.database.lists(self.last_change):
             return Derived(self.database, with_own_words(trained(self.database)))
         current = copy(self)
         last_change = self.database.last_change()
         if last_change != self.last_change:
-            current._read_rows(self.last_change)
+            current._read_rows(self.last_change[0])
             current.last_change = last_change
         current._version = version
         return current
@@ -98,7 +100,7 @@ class Derived:
         present = self.database.inserted() if has_names else list(self.rows)
         rows = self.rows | computed
         after.rows = {name: rows[name] for name in present}
-        after.last_change = change.id
+        after.last_change = change.id, change.verb, as_text(change.time), change.source
         if has_names or change.relations or change.verb == "undo":
             after._forget()
         elif computed or change.added or change.lost:

@@ -15,16 +15,17 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from datetime import datetime, timedelta
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, Self
 
 from isi.config import check
-from isi.errors import InputError
+from isi.errors import InputError, at
 from isi.home import folder as folders
 from isi.home.bundle import Bundle
 from isi.home.changes import Effect, changes_of, checked_facts, effect_of
 from isi.home.choices import Choices
-from isi.home.connection import DatabaseFailure
+from isi.home.connection import DatabaseFailure, patiently
 from isi.home.database import Database
 from isi.home.derived import Derived, with_own_words
 from isi.home.edit import Edit
@@ -264,8 +265,11 @@ class Home(Questions):
             (0, 1)
         """
         verb = checked(Forget, locals())
+        return patiently(partial(self._forget, time_before(verb.older)))
+
+    def _forget(self, time: str) -> int:
         with self._lock:
-            return forget(self.database, time_before(verb.older))
+            return forget(self.database, time)
 
     def _edit(self, verb: Verb) -> Edit:
         fields = dict(verb)
@@ -372,7 +376,7 @@ def open_home(folder: str | Path, durability: Durability = "full") -> Home:
     check(durability, Durability, "", "argument 'durability'")  # type: ignore[arg-type]
     database = folders.opened(path, durability)
     try:
-        with database.snapshot():
+        with database.snapshot(), at(database.path):
             return Home(folders.trained(database), database)
     except BaseException:
         database.close()

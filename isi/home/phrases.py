@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
+from hashlib import file_digest
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -14,7 +15,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from safetensors.numpy import load_file
 
-from isi.errors import InputError
+from isi.errors import InputError, at
 from isi.home.bundle import MODEL, Bundle, WordSource
 from isi.tables import paths
 
@@ -53,7 +54,7 @@ class PhraseVectors:
     #: the vector, (v,), of a phrase and its definition, or zeros
     embed: Callable[[str, str | None], np.ndarray]
     least: float = LEAST
-    missing: str = ""  #: why a new phrase gets no vector; empty if it does
+    missing: Callable[[], str] = str  #: why a new phrase gets no vector; empty if it does
 
     @property
     def source(self) -> str:
@@ -66,8 +67,8 @@ class PhraseVectors:
 
     def vector(self, phrase: str, definition: str | None = None) -> PhraseVector:
         """The word vector of a phrase; None if it has no words or is unlike all known phrases."""
-        if self.missing:
-            return PhraseVector(None, self.missing)
+        if missing := self.missing():
+            return PhraseVector(None, missing)
         vector = self.embed(phrase, definition)
         if not vector.any():
             return PhraseVector(None, f"{self.source} has no word of {phrase!r}")
@@ -84,7 +85,7 @@ class PhraseVectors:
         """The cosines of a phrase's head noun with known entities, (E,), 0 without words;
         None if it has none.
         """
-        if self.missing:
+        if self.missing():
             return None
         vector = unit(self.embed(head_of(phrase), definition))
         return np.asarray(self._unit @ vector) if vector.any() else None
@@ -103,7 +104,9 @@ def with_words(bundle: B, vectors: Path | None = None) -> B:
         if not known.any():
             expected = "expected word vectors of this embedding's phrases, got none"
             raise InputError(vectors, "", expected)
-        source = WordSource(source=str(vectors.absolute()), text="phrase", model=None)
+        path = vectors.absolute()
+        digest = _digest(path, _changed(path))
+        source = WordSource(source=str(path), text="phrase", model=None, sha256=digest)
         return _replaced(bundle, known, source)
     origin = bundle.manifest.words
     if bundle.words is not None and origin is not None:
@@ -134,9 +137,7 @@ def phrase_vectors(bundle: Bundle) -> PhraseVectors | None:
     path = Path(origin.source)
     if origin.source == "shipped":
         path = paths.shipped_vectors(origin.text)
-    missing = "" if path.is_file() else f"{path}, which has its word vectors, is not there"
-    if not missing and not find_spec("gensim"):
-        missing = "word vectors of a file need gensim: pip install 'isi-kge[words-file]'"
+    missing = partial(_missing, path.absolute(), origin.sha256, words.shape[1])
     return PhraseVectors(words, origin, partial(_of_file, path), missing=missing)
 
 
@@ -149,8 +150,29 @@ def _look_up(path: Path, text: str) -> np.ndarray:
     """The mean vector of the words of a text in a file; (v,)."""
     from isi.graph.words import look_up  # here, since it loads gensim
 
-    changed = path.stat().st_mtime_ns if path.exists() else 0  # reading says what is missing
-    return np.asarray(look_up(_file(path.absolute(), changed), [text]).vectors[0])
+    return np.asarray(look_up(_file(path.absolute(), _changed(path)), [text]).vectors[0])
+
+
+def _missing(path: Path, sha256: str | None, width: int) -> str:
+    """Why a file does not give vectors that compare with known ones; empty if it does."""
+    if not path.is_file():
+        return f"{path}, which has its word vectors, is not there"
+    if not find_spec("gensim"):
+        return "word vectors of a file need gensim: pip install 'isi-kge[words-file]'"
+    changed = _changed(path)
+    if sha256 in (None, _digest(path, changed)) and _file(path, changed).vector_size == width:
+        return ""
+    return f"{path} is not the file that its word vectors are from: put that one back"
+
+
+def _changed(path: Path) -> int:
+    return path.stat().st_mtime_ns if path.exists() else 0  # reading says what is missing
+
+
+@cache
+def _digest(path: Path, changed: int) -> str:  # noqa: ARG001
+    with at(path), path.open("rb") as file:
+        return file_digest(file, "sha256").hexdigest()
 
 
 @cache

@@ -119,9 +119,9 @@ def forget(database: Database, time: str, source: str | None = None) -> int:
     """
     database.execute("PRAGMA foreign_keys = 0")  # they would be looked for row by row
     try:
-        with database.transaction():
+        with database.transaction(waiting=0):
             first = database.value("SELECT min(id) FROM change WHERE time >= ?", time)
-            first = database.last_change() + 1 if first is None else first
+            first = database.last_change()[0] + 1 if first is None else first
             older = f"id < ? AND id <> ({LAST_TRAINING})"
             number = int(database.value(f"SELECT count(*) FROM change WHERE {older}", first))
             if number:
