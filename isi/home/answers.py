@@ -40,16 +40,6 @@ class Answer:
     given: bool  #: whether it makes a fact that was added after training
     known: bool  #: whether it makes a known triple, given or trained on
     inserted: bool  #: whether it is an inserted entity
-    #: indicators with this known answer; None if no indicators were given
-    shared_by: list[str] | None = None
-
-    @property
-    def unsupported(self) -> bool:
-        """Whether it is probable (no curve: rank 1),
-        but neither known nor an answer of an indicator.
-        """
-        likely = self.rank == 1 if self.probability is None else self.probability >= LIKELY
-        return likely and not self.known and self.shared_by == []
 
 
 @dataclass(frozen=True)
@@ -84,12 +74,10 @@ def answer(
     *,
     new: bool = False,
     among: Collection[int] | None = None,
-    indicators: Collection[int] | None = None,
 ) -> Answers:
     """The ``most`` best answers.
 
-    ``new``: without what is known; ``among``: ids of the candidates, if they are named;
-    ``indicators``: ids, for ``Answer.shared_by``.
+    ``new``: without what is known; ``among``: ids of the candidates, if they are named.
     """
     rows, scores = opened.ranked(query, among)
     names = opened.entity_names
@@ -101,12 +89,10 @@ def answer(
         curve = np.zeros_like  # no known triple asks this of its kind
     order = np.lexsort([~known, ~is_added])
     order = order[~known[order]][:most] if new else order[:most]
-    shared = {row: opened.answers(query._replace(given=row)) for row in indicators or ()}
     probabilities = _probabilities(curve, scores[order])
     best_answers = list[Answer]()
     for place, probability in zip(order.tolist(), probabilities, strict=True):
         row = int(rows[place])
-        sharing = [names[other] for other, answers in shared.items() if row in answers]
         best = Answer(
             entity=names[row],
             rank=place + 1,
@@ -115,7 +101,6 @@ def answer(
             given=bool(is_added[place]),
             known=bool(known[place]),
             inserted=row >= len(names) - opened.inserted,
-            shared_by=None if indicators is None else sharing,
         )
         best_answers.append(best)
     return Answers(opened.named(query), best_answers)
@@ -151,16 +136,6 @@ def answer_relation(
         rows.append(Answer(labels[relation], place + 1, score, probability, is_added, known, False))
     rows.sort(key=lambda row: (not row.given, not row.known, -(row.probability or 0.0)))
     return Answers((names[head], "?", names[tail]), rows[:most])
-
-
-def completed(opened: LoadedEmbedding, query: Query, answer: int) -> Fact:
-    """The triple of a query and its answer, by name."""
-    ends = (query.given, answer) if query.slot == TAIL else (answer, query.given)
-    return (
-        opened.entity_names[ends[0]],
-        opened.relation_names[query.relation],
-        opened.entity_names[ends[1]],
-    )
 
 
 def _probabilities(curve: Curve | None, scores: np.ndarray) -> list[Any]:

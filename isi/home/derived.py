@@ -26,7 +26,6 @@ from isi.names import plain
 from isi.vocabulary import Vocabulary
 
 if TYPE_CHECKING:  # what inserts needs PyTorch, and questions do without
-    from isi.home.explain import Snapshot
     from isi.home.groups import EntityGroups, Member
 
 
@@ -241,13 +240,6 @@ class Derived:
         row = self.rows[self.now.entity_names[entity]]
         choice = self.choices.find(row.key)
         return None if choice is None or choice.curves is None else choice.curves.of(relation)
-
-    def snapshot(self, name: str) -> Snapshot:
-        """An inserted entity as explanations read it."""
-        from isi.home.explain import Snapshot
-
-        members = self.members_of([name])
-        return Snapshot(self.now, self.groups, self.known_triples, members, self.rows[name])
 
     # -- names -------------------------------------------------------------------------------------
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial, wraps
 from typing import TYPE_CHECKING, Any, Concatenate, NamedTuple, ParamSpec, Self, TypeVar
@@ -20,13 +20,10 @@ if TYPE_CHECKING:  # PyTorch takes a second to import
     from isi.models.model import Model
     from isi.models.stack import Embedding
 
-#: A query fits an entity if more than this share of its indicators, by weight, have known answers.
-ENOUGH = 0.1
 USUAL = 0.1  #: Share of entities for which a kind is usual in a slot.
 #: Without facts, a known entity counts for the kind of a new one with the weight exp(cosine of the
 #: words / this).
 TEMPERATURE = 0.07
-MOST_QUERIES = 24  #: Maximum number of queries about one entity.
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -290,31 +287,3 @@ def answers_in(triples: np.ndarray, query: Query) -> set[int]:
     other = HEAD + TAIL - query.slot
     of_query = (triples[:, other] == query.given) & (triples[:, RELATION] == query.relation)
     return set(triples[of_query, query.slot].tolist())
-
-
-def queries_of(
-    opened: LoadedEmbedding, entity: int, indicators: Mapping[int, float]
-) -> list[Query]:
-    """The queries that fit an entity: relations and slots in which it or enough similar
-    entities have known answers.
-
-    Similar are entities of its kind, or, if it has no kind, its ``indicators`` (weights by id). If
-    no query fits, all do. At most ``MOST_QUERIES`` are returned: those with own answers, then with
-    most similar entities (or weight).
-    """
-    kind, weights, enough = opened.kind_ids[entity], np.zeros(len(opened.entities)), 0.0
-    weights[opened.kind_ids == kind] = 1.0
-    if kind < 0:
-        weights[:] = 0.0
-        weights[list(indicators)] = list(indicators.values())
-        enough = ENOUGH * weights.sum()
-    of_query = {}
-    for relation in range(len(opened.relations)):
-        for slot in (TAIL, HEAD):
-            similar = opened.in_slot(relation, HEAD + TAIL - slot)
-            of_query[Query(entity, relation, slot)] = (
-                float("inf") if entity in similar else weights[similar].sum()
-            )
-    fit = [query for query, weight in of_query.items() if weight > enough] or list(of_query)
-    best = sorted(fit, key=of_query.__getitem__, reverse=True)[:MOST_QUERIES]
-    return [query for query in fit if query in best]

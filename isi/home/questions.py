@@ -30,7 +30,7 @@ from isi.home.times import time_before
 from isi.home.verbs import History, KnownFacts, NameList, Stale, checked
 
 if TYPE_CHECKING:  # PyTorch takes a second to import, and most questions do without
-    from isi.home.explain import Explanation, Report
+    from isi.home.explain import Explanation
     from isi.insertion.interference import Interference
 
 FIRST_TRAINING = 1  #: Number of the change that made a home.
@@ -186,27 +186,8 @@ class Questions:
 
         notes = list[str]()
         name = self.derived.inserted(self._queried(entity, notes))
-        explanation = explain(self.derived.snapshot(name))
+        explanation = explain(self.derived, name)
         return replace(explanation, notes=[*notes, *explanation.notes])
-
-    @reads
-    def report(self, entity: str, top: int = 5) -> Report:
-        """What is known and predicted about an inserted entity,
-        with the ``top`` best answers to each query.
-
-        Example:
-            >>> effect = home.tell([("mug", "in", "kitchen")], initializer="mean")
-            >>> report = home.report("mug")
-            >>> report.facts, report.initializer, report.why
-            ([('mug', 'in', 'kitchen')], 'mean', 'as named')
-        """
-        from isi.home.explain import report
-
-        check(top, Count, "", "argument 'top'")
-        notes = list[str]()
-        name = self.derived.inserted(self._queried(entity, notes))
-        reported = report(self.derived.snapshot(name), top, self.derived.curve)
-        return replace(reported, notes=[*notes, *reported.notes])
 
     @reads
     def interference(
