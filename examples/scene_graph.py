@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 
 import isi
-from isi.home.files import read_graph
+from isi.graph.files import read_graph
 
 # %% Two maps of a home: the second one has a new object
 ROOMS = {

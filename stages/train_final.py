@@ -12,9 +12,10 @@ import numpy as np
 import pandas as pd
 
 from isi.errors import InputError
+from isi.formats.plain import write
 from isi.graph.graph import Graph
 from isi.graph.sessions import TRAIN
-from isi.home.bundle import MODEL, Bundle, Manifest, WordSource, write
+from isi.home.bundle import MODEL, Bundle, Manifest, WordSource
 from isi.models.stack import Embedding
 from isi.tables.table import DataFile, as_text
 from isi.training.fit import TrainConfig, fit_for

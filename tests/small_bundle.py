@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from isi.home.bundle import MANIFEST, MODEL, Bundle, Manifest, WordSource, write
+from isi.formats.plain import write
+from isi.home.bundle import MANIFEST, MODEL, Bundle, Manifest, WordSource
 from isi.home.folder import create
 from isi.home.loaded import LoadedEmbedding
 from tests.small_graphs import random_embedding, random_graph

@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isi.errors import InputError
-from isi.home.bundle import Bundle, read
+from isi.formats.plain import read
+from isi.home.bundle import Bundle
 from isi.models.stack import uniform
 from isi.training.batches import training_data
 from isi.training.trainer import run_epoch, start

@@ -14,7 +14,7 @@ import pytest
 import isi
 from isi.columns import triple_columns
 from isi.errors import InputError
-from isi.home.files import read_graph
+from isi.graph.files import read_graph
 from isi.home.home import Home
 from isi.home.train import tables_of
 from isi.insertion.arguments import listed_triples

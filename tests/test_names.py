@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 import isi
 from isi.errors import InputError
-from isi.home.bundle import read
+from isi.formats.plain import read
 from isi.names import clean, name_fault, plain
 from isi.vocabulary import Vocabulary
 from tests.observing import observe, written

@@ -20,7 +20,7 @@ import yaml
 from dvc.repo import Repo
 from safetensors.torch import load_file, save_file
 
-from isi.home.bundle import read
+from isi.formats.plain import read
 from stages.report.tables.estimates import combined
 from tests.small_pipeline import EXPERIMENTS, INITIALIZERS, SMALL, Dvc, dvc, set_param, stages_run
 from tools import workspace

@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from rdflib import Graph, URIRef
 
 from isi.errors import InputError
-from isi.home.files import read_graph, reader_of
+from isi.graph.files import read_graph, reader_of
 from isi.names import clean, name_fault
 from tests.observing import TRIPLE, Observations, observations_of
 from tools.fuzz.formats import HOME

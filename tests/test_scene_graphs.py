@@ -6,7 +6,7 @@ import json
 from collections import Counter
 from pathlib import Path
 
-from isi.home.files import read_graph
+from isi.graph.files import read_graph
 from isi.sources.ai2thor import ROOMLESS
 from tests.observing import TRIPLE, observe, written
 

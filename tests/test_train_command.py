@@ -16,9 +16,9 @@ import torch
 import isi
 from isi.errors import InputError
 from isi.evaluation.filtered import end_queries, random_ranks
+from isi.formats.plain import write
 from isi.graph.graph import Graph, build_graph
 from isi.graph.sessions import TEST, TRAIN, VALID
-from isi.home.bundle import write
 from isi.home.train import described, tables_of, train_bundle
 from isi.models.bilinear import DistMult
 from isi.training.batches import Negatives

@@ -24,7 +24,7 @@ from torch.nn.functional import normalize
 
 import isi
 from isi.__main__ import main
-from isi.home.files import read_graph
+from isi.graph.files import read_graph
 from tests import their_scores
 from tests.documented import DOCS
 from tests.small_bundle import (

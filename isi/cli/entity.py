@@ -325,7 +325,7 @@ def named_options() -> AbstractContextManager[None]:
 
 def _from_files(home: Home, files: Sequence[Path]) -> tuple[list[list[str]], Mapping[str, str]]:
     """The facts of files, and the kinds of new names that the home has."""
-    from isi.home.files import read_graph
+    from isi.graph.files import read_graph
 
     tables, _ = read_graph(files)
     rows = tables.triples[["head", "relation", "tail"]].to_numpy().tolist()

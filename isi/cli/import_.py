@@ -10,9 +10,10 @@ from isi.cli import NewFolder, Settings, flags, settings
 from isi.cli.overwriting import refuse_inputs
 from isi.config import Option
 from isi.errors import InputError
-from isi.home.bundle import MANIFEST, Bundle, read
+from isi.formats.plain import read
+from isi.formats.tables import of_tables, read_labels, read_tables
+from isi.home.bundle import MANIFEST, Bundle
 from isi.home.folder import check_free, create
-from isi.home.importer import of_tables, read_labels, read_tables
 from isi.home.phrases import with_words
 from isi.models.losses import Loss
 from isi.models.model import MODELS

@@ -76,7 +76,7 @@ def train(
     """
     import torch
 
-    from isi.home.files import path_of, read_graph
+    from isi.graph.files import path_of, read_graph
     from isi.home.folder import check_free, is_home
     from isi.home.train import described
 

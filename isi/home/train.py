@@ -19,6 +19,7 @@ import torch
 from isi.columns import COUNT, TRIPLE
 from isi.config import Count, Positive, Seed, check
 from isi.errors import InputError, at
+from isi.graph.files import read_graph
 from isi.graph.graph import (
     Graph,
     GraphTables,
@@ -28,7 +29,6 @@ from isi.graph.graph import (
 )
 from isi.graph.sessions import TEST
 from isi.home.bundle import Bundle, Manifest
-from isi.home.files import read_graph
 from isi.home.folder import is_home
 from isi.home.home import Home, open_home
 from isi.home.phrases import OF_MODEL, by_model, has_model, with_words

@@ -20,9 +20,9 @@ import pyarrow.parquet as pq
 import yaml
 
 from isi.errors import InputError, at
+from isi.graph.files import read_graph
 from isi.graph.graph import MinedSource, build_tables
 from isi.graph.words import look_up, read_vectors
-from isi.home.files import read_graph
 from isi.home.home import Home
 from isi.home.stream import answer
 from isi.home.train import tables_of

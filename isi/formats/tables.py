@@ -20,15 +20,8 @@ from safetensors.torch import load_file
 from isi.columns import TRIPLE
 from isi.config import Option
 from isi.errors import InputError, at, cut
-from isi.home.bundle import (
-    Bundle,
-    Manifest,
-    check_numbers,
-    checked_names,
-    split_rows,
-    stored_loss,
-    triple_ids,
-)
+from isi.formats.plain import checked_names, split_rows, triple_ids
+from isi.home.bundle import Bundle, Manifest, check_numbers, stored_loss
 from isi.home.loaded import LoadedEmbedding
 from isi.insertion.arguments import array_of, checked_model, naming_argument
 from isi.models.losses import Loss

@@ -1,0 +1,1 @@
+"""Files from which ``isi import`` makes a home."""
