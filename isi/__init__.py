@@ -20,7 +20,7 @@ _WHERE = {
     "from_pykeen": ("isi.pykeen.open", "from_pykeen"),
     "insert": ("isi.insertion.api", "insert"),
     "open": ("isi.home.home", "open_home"),
-    "train": ("isi.home.train", "train"),
+    "train": ("isi.home.home", "train"),
 }
 #: Without ``open``: ``from isi import *`` leaves the builtin as it is.
 __all__ = [name for name in _WHERE if name != "open"]

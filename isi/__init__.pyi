@@ -5,7 +5,7 @@ from isi.checks.models import check_model as check_model
 from isi.errors import InputError as InputError
 from isi.home.home import Home as Home
 from isi.home.home import open_home
-from isi.home.train import train as train
+from isi.home.home import train as train
 from isi.insertion.api import insert as insert
 from isi.pykeen.open import from_pykeen as from_pykeen
 

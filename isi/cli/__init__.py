@@ -19,7 +19,6 @@ from cyclopts import (
     UnusedCliTokensError,
     ValidationError,
 )
-from cyclopts.validators import Number
 
 from isi.errors import InputError, cut, short
 from isi.process import errors_in_one_line
@@ -82,7 +81,6 @@ def _check_folder(_: object, path: Path | None) -> None:
         raise ValueError("expected the name of a folder, not . or ..")
 
 
-FROM_ONE, FROM_ZERO = Number(gte=1, lt=10**9), Number(gte=0, lt=10**9)
 #: Parameters that several commands have.
 HomeFolder = Annotated[
     Path,

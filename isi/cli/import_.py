@@ -12,7 +12,7 @@ from isi.config import Option
 from isi.errors import InputError
 from isi.formats.plain import read
 from isi.formats.tables import of_tables, read_labels, read_tables
-from isi.home.bundle import MANIFEST, Bundle
+from isi.home.bundle import MANIFEST, Bundle, with_functional
 from isi.home.folder import check_free, create
 from isi.home.phrases import with_words
 from isi.models.losses import Loss
@@ -53,6 +53,9 @@ def import_(
             )
         ),
     ] = None,
+    functional: Annotated[
+        tuple[str, ...], Parameter(help="relation of which a thing has one fact; may repeat")
+    ] = (),
     vectors: Annotated[
         Path | None, Parameter(help="word2vec or GloVe file, for the word vectors of names")
     ] = None,
@@ -68,7 +71,8 @@ def import_(
         bundle = read(folder)
     else:
         bundle = _of_arrays(folder, model, settings(set), loss)
-    bundle = with_words(bundle, vectors)
+    with flags(relation="--functional"):
+        bundle = with_functional(with_words(bundle, vectors), functional)
     create(bundle, out).close()
     options = ", ".join(f"{key} {value}" for key, value in bundle.manifest.model_options.items())
     size = bundle.sizes()

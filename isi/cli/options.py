@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
+from operator import attrgetter
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 from cyclopts import Parameter
@@ -20,6 +21,7 @@ LISTS: dict[str, Any] = {
     "facts": tuple[tuple[str, str, str], ...],
     "entities": tuple[str, ...],
     "among": tuple[str, ...],
+    "functional": tuple[str, ...],
     "options": Settings,
 }
 
@@ -34,12 +36,14 @@ def command_of(function: Callable[..., None]) -> Callable[..., None]:
     names = dict.fromkeys([*kind.places, *kind.model_fields])
     parameters = [_option(kind, name) for name in names]
     parameters += [each.replace(annotation=hints[each.name]) for each in others]
-    signature = inspect.Signature(parameters)
+    positional = [each.name for each in others if each.kind is each.POSITIONAL_ONLY]
+    signature = inspect.Signature(sorted(parameters, key=attrgetter("kind")))
 
     def command(*values: Any, **options: Any) -> None:
         arguments = signature.bind(*values, **options).arguments
         typed = {name: arguments.pop(name) for name in names if name in arguments}
-        function(_checked(kind, typed), **arguments)
+        places = [arguments.pop(name) for name in positional]
+        function(_checked(kind, typed), *places, **arguments)
 
     command.__signature__ = signature  # type: ignore[attr-defined]
     command.__annotations__ = {each.name: each.annotation for each in parameters}

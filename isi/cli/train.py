@@ -6,44 +6,24 @@ import shlex
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from isi.cli import FROM_ONE, FROM_ZERO, HOME, NewFolder, Settings, flags, lines, settings, show
+from isi.cli import HOME, NewFolder, Settings, flags, lines, settings, show
+from isi.cli.options import command_of
 from isi.cli.overwriting import paths_in, refuse_inputs
 from isi.errors import InputError
+from isi.home import verbs
 
 if TYPE_CHECKING:
     from isi.graph.graph import GraphTables
 
 
-@Parameter(name="*")
-@dataclass(frozen=True)
-class TrainingOptions:
-    """Options about the embedding."""
-
-    learning_rate: Annotated[
-        float | None, Parameter(help="of Adagrad; default: the better of two on held-out triples")
-    ] = None
-    dimension: Annotated[
-        int, Parameter(validator=FROM_ONE, help="numbers in an entity's vector")
-    ] = 100
-    vectors: Annotated[
-        Path | None, Parameter(help="word2vec or GloVe file, for the word vectors of names")
-    ] = None
-    seed: Annotated[int, Parameter(validator=FROM_ZERO, help="seed of everything random")] = 0
-
-    def arguments(self) -> dict[str, Any]:
-        """The arguments of ``train_bundle`` but the graph."""
-        arguments = asdict(self)
-        del arguments["vectors"]
-        return arguments
-
-
+@command_of
 def train(
+    verb: verbs.Train,
     files: Annotated[
         tuple[str, ...],
         Parameter(
@@ -62,7 +42,6 @@ def train(
             help="table with the column entity, and kind or phrase or both",
         ),
     ] = None,
-    options: TrainingOptions = TrainingOptions(),
     reader: Annotated[
         str | None, Parameter(help="name of a reader; default: by the suffix")
     ] = None,
@@ -86,7 +65,7 @@ def train(
         if len(files) > 1 or out or entities or reader or set or describe:
             expected = "expected no other FILE and no option of files: a home is trained as it is"
             raise InputError(home, "", expected)
-        _train_again(home, options)
+        _train_again(home, verb)
         return
     if out is None and not describe:
         raise InputError("--out", "", "expected a folder for the home")
@@ -95,7 +74,7 @@ def train(
         inputs = [*map(path_of, files), *filter(None, [entities]), *paths_in(of_reader)]
         refuse_inputs([out], inputs)
         check_free(out)
-    tables, read = read_graph(files, reader, of_reader, options.seed)
+    tables, read = read_graph(files, reader, of_reader, verb.seed)
     note = ""
     if entities:
         tables, note = described(tables, entities)
@@ -104,32 +83,33 @@ def train(
         print(*of_files, sep="\n")
         show(counts(tables))
         return
-    _train(tables, out, options, of_files)
+    _train(tables, out, verb, of_files)
 
 
-def _train_again(folder: Path, options: TrainingOptions) -> None:
+def _train_again(folder: Path, verb: verbs.Train) -> None:
     """Train a home again."""
     from isi.home.home import open_home
-    from isi.home.train import train_again
 
     with open_home(folder) as home, _flags():
-        print(train_again(home, options.vectors, **options.arguments()))
+        print(verb.of(home))
         home.prepare(progress=True)
     print(f"The home is trained again on all that holds: {folder}")
 
 
-def _train(
-    tables: GraphTables, out: Path, options: TrainingOptions, of_files: Sequence[str]
-) -> None:
+def _train(tables: GraphTables, out: Path, verb: verbs.Train, of_files: Sequence[str]) -> None:
     """Train a new home, and print how, after lines on its files."""
+    from isi.home.bundle import with_functional
     from isi.home.folder import create
     from isi.home.home import Home
     from isi.home.phrases import with_words
     from isi.home.train import train_bundle
 
     with _flags():
-        bundle, summary = train_bundle(tables, **options.arguments())
-    bundle = with_words(bundle, options.vectors)
+        bundle, summary = train_bundle(
+            tables, learning_rate=verb.learning_rate, dimension=verb.dimension, seed=verb.seed
+        )
+        bundle = with_functional(bundle, verb.functional)
+    bundle = with_words(bundle, None if verb.vectors is None else Path(verb.vectors))
     with Home(bundle, create(bundle, out)) as home:
         home.prepare(progress=True)
     print(*of_files, summary, sep="\n")
@@ -142,8 +122,8 @@ def _train(
 
 def _flags() -> AbstractContextManager[None]:
     """``flags`` of the options about the embedding."""
-    names = ("learning_rate", "dimension")
-    return flags(**{name: f"--{name.replace('_', '-')}" for name in names})
+    names = {"learning_rate": "--learning-rate", "dimension": "--dimension"}
+    return flags(**names, relation="--functional")
 
 
 def counts(tables: GraphTables) -> dict[str, Any]:

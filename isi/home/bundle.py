@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
@@ -11,6 +12,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from isi.config import LARGEST, Name, Option, Seed
 from isi.errors import InputError
 from isi.names import check_text
+from isi.vocabulary import Vocabulary
 
 if TYPE_CHECKING:
     from isi.models.losses import Loss, TrainingLoss
@@ -125,6 +127,14 @@ class Bundle:
             "dimension": self.entities.shape[1],
             "triples": len(self.triples),
         }
+
+
+def with_functional(bundle: Bundle, relations: Sequence[str]) -> Bundle:
+    """A bundle with functional relations; an ``InputError`` refuses an unknown one."""
+    known = Vocabulary("relation", bundle.relation_names)
+    names = [known.queried(name, str) for name in relations]
+    manifest = bundle.manifest.model_copy(update={"functional": list(dict.fromkeys(names))})
+    return replace(bundle, manifest=manifest)
 
 
 def check_numbers(table: np.ndarray, rows: int) -> None:

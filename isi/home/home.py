@@ -11,18 +11,18 @@ What holds is what the tables of the database say (``isi.home.database``). A ver
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from datetime import datetime, timedelta
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 from isi.config import check
 from isi.errors import InputError, at
 from isi.home import folder as folders
-from isi.home.bundle import Bundle
+from isi.home.bundle import Bundle, with_functional
 from isi.home.changes import Effect, changes_of, checked_facts, effect_of
 from isi.home.choices import Choices
 from isi.home.connection import DatabaseFailure, patiently
@@ -36,7 +36,11 @@ from isi.home.phrases import with_words
 from isi.home.questions import Questions, one_at_a_time, reads
 from isi.home.times import time_before
 from isi.home.undo import forget, last_change_of, put_back
-from isi.home.verbs import Forget, Move, Remove, Tell, Undo, Verb, checked
+from isi.home.verbs import Forget, Move, Remove, Tell, Train, Undo, Verb, checked
+
+if TYPE_CHECKING:  # what trains needs PyTorch
+    from isi.home.train import TrainingSummary
+    from isi.insertion.arguments import TripleForms
 
 
 @contextmanager
@@ -324,11 +328,40 @@ class Home(Questions):
         if folder is not None:
             folders.write_to(Path(folder).expanduser(), self.database)
 
+    def train(
+        self,
+        *,
+        functional: str | Sequence[str] = (),
+        vectors: str | Path | None = None,
+        learning_rate: float | None = None,
+        dimension: int = 100,
+        seed: int = 0,
+    ) -> TrainingSummary:
+        """Train the home again on all facts that hold. Its kinds and its history stay, and what
+        was inserted is trained from then on. The arguments are those of ``isi.train``.
+
+        Example:
+            >>> effect = home.tell([("mug", "in", "kitchen")])
+            >>> home.train(dimension=4).entities, list(home.inserted)
+            (9, [])
+        """
+        from isi.home.train import tables_of_home, train_bundle
+
+        verb = checked(Train, locals())
+        tables = tables_of_home(self.facts(), self.now)
+        bundle, summary = train_bundle(
+            tables, learning_rate=verb.learning_rate, dimension=verb.dimension, seed=verb.seed
+        )
+        bundle = with_functional(bundle, verb.functional or self.base.manifest.functional)
+        words, file = self.base.manifest.words, verb.vectors
+        if file is None and words is not None and Path(words.source).is_file():
+            file = words.source
+        self.train_again(with_words(bundle, None if file is None else Path(file).expanduser()))
+        return summary
+
     def train_again(self, bundle: Bundle) -> None:
-        """Make a newly trained embedding that of this home; ``isi.train(home)`` calls it."""
-        functional = bundle.manifest.functional or self.base.manifest.functional
-        manifest = bundle.manifest.model_copy(update={"functional": functional})
-        loaded = with_words(LoadedEmbedding(**vars(replace(bundle, manifest=manifest))))
+        """Make a newly trained embedding that of this home."""
+        loaded = with_words(LoadedEmbedding(**vars(bundle)))
         self._take_training(loaded, Choices(loaded, self.database))
 
     @changes
@@ -381,3 +414,64 @@ def open_home(folder: str | Path, durability: Durability = "full") -> Home:
     except BaseException:
         database.close()
         raise
+
+
+def train(
+    triples: TripleForms | str | Path | Home,
+    *,
+    kinds: Mapping[str, str] | None = None,
+    functional: str | Sequence[str] = (),
+    vectors: str | Path | None = None,
+    learning_rate: float | None = None,
+    dimension: int = 100,
+    seed: int = 0,
+) -> Home:
+    """Train an embedding of triples by name (in any form of ``isi.insert``), of a file that
+    ``isi train`` reads, or of what a home knows by now: it is then the same home (``Home.train``).
+
+    ``base.manifest.made`` of the result has its measures. Warns of what the file's reader counts,
+    such as lines without a header, if the model has learned nothing, of names in ``kinds`` that
+    match no entity, and of entities without a kind.
+
+    Args:
+        triples: perhaps with a column ``count``.
+        kinds: by entity.
+        functional: relations of which an entity has one fact as a head: telling another one moves
+            it.
+        vectors: a word2vec or GloVe file, for the word vectors of names.
+        learning_rate: of Adagrad; None: the better one of two for validation triples.
+        dimension: d, the length of an entity's vector; even.
+        seed: root seed of splits, initial vectors, batches and negatives.
+
+    Example:
+        >>> import isi
+        >>> facts = [("cup", "in", "kitchen"), ("pan", "in", "kitchen"), ("bed", "in", "bedroom")]
+        >>> home = isi.train(facts, dimension=4)
+        >>> home.base.manifest.made["entities"], home.ask("cup", "in").answers[0].entity
+        (5, 'kitchen')
+    """
+    from isi.home.train import tables_of, tables_of_file, train_bundle, with_kinds_of_call
+
+    verb = checked(Train, locals())
+    if isinstance(triples, str | Path) and folders.is_home(Path(triples).expanduser()):
+        triples = open_home(triples)
+    if isinstance(triples, Home):
+        if kinds:
+            raise InputError("argument 'kinds'", "", "expected none: a home has its kinds")
+        _warn(triples.train(**dict(verb)))
+        return triples
+    tables = tables_of_file(triples) if isinstance(triples, str | Path) else tables_of(triples)
+    if kinds:
+        tables = with_kinds_of_call(tables, kinds)
+    bundle, summary = train_bundle(
+        tables, learning_rate=verb.learning_rate, dimension=verb.dimension, seed=verb.seed
+    )
+    _warn(summary)
+    file = None if verb.vectors is None else Path(verb.vectors).expanduser()
+    return Home(with_words(with_functional(bundle, verb.functional), file))
+
+
+def _warn(summary: TrainingSummary) -> None:
+    """Warn, in the name of a caller's caller, of what a training found wrong."""
+    if summary.warning:
+        warnings.warn(summary.warning, stacklevel=3)

@@ -1,4 +1,4 @@
-"""``isi.train``: a home of triples by name, of a file, or of what a home knows by now.
+"""Training of the embedding of a home: of triples by name, of a file, or of what a home knows.
 
 By one recipe (``isi.training.recipe``): its model is measured on test triples
 (``isi.training.held_out``), then all triples are trained on.
@@ -7,7 +7,7 @@ By one recipe (``isi.training.recipe``): its model is measured on test triples
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -29,9 +29,9 @@ from isi.graph.graph import (
 )
 from isi.graph.sessions import TEST
 from isi.home.bundle import Bundle, Manifest
-from isi.home.folder import is_home
-from isi.home.home import Home, open_home
-from isi.home.phrases import OF_MODEL, by_model, has_model, with_words
+from isi.home.facts import StoredFact
+from isi.home.loaded import LoadedEmbedding
+from isi.home.phrases import OF_MODEL, by_model, has_model
 from isi.insertion.arguments import (
     TripleForms,
     column_names,
@@ -161,54 +161,7 @@ def with_kinds(
     return replace(tables, entities=entities.assign(kind=kind, phrase=phrase)), note
 
 
-def train(
-    triples: TripleForms | str | Path | Home,
-    *,
-    kinds: Mapping[str, str] | None = None,
-    vectors: str | Path | None = None,
-    learning_rate: float | None = None,
-    dimension: int = 100,
-    seed: int = 0,
-) -> Home:
-    """Train an embedding of triples by name (in any form of ``isi.insert``), of a file that
-    ``isi train`` reads, or of what a home knows by now: it is then the same home, with its kinds
-    and its history.
-
-    ``kinds``: by entity. ``vectors``: a word2vec or GloVe file, for the word vectors of names. The
-    other arguments are those of ``train_bundle``. ``base.manifest.made`` of the result has its
-    measures. Warns of what the file's reader counts, such as lines without a header, if the model
-    has learned nothing, of names in ``kinds`` that match no entity, and of entities without a kind.
-
-    Example:
-        >>> import isi
-        >>> facts = [("cup", "in", "kitchen"), ("pan", "in", "kitchen"), ("bed", "in", "bedroom")]
-        >>> home = isi.train(facts, dimension=4)
-        >>> home.base.manifest.made["entities"], home.ask("cup", "in").answers[0].entity
-        (5, 'kitchen')
-    """
-    options: dict[str, Any] = {
-        "learning_rate": learning_rate,
-        "dimension": dimension,
-        "seed": seed,
-    }
-    path = check(vectors, str | Path | None, "", "argument 'vectors'")  # type: ignore[arg-type]
-    file = None if path is None else Path(path)
-    if isinstance(triples, str | Path) and is_home(Path(triples)):
-        triples = open_home(triples)
-    if isinstance(triples, Home):
-        if kinds:
-            raise InputError("argument 'kinds'", "", "expected none: a home has its kinds")
-        warn(train_again(triples, file, **options))
-        return triples
-    tables = _tables_of_file(triples) if isinstance(triples, str | Path) else tables_of(triples)
-    if kinds:
-        tables = _with_kinds_of_call(tables, kinds)
-    bundle, summary = train_bundle(tables, **options)
-    warn(summary)
-    return Home(with_words(bundle, file))
-
-
-def _tables_of_file(file: str | Path) -> GraphTables:
+def tables_of_file(file: str | Path) -> GraphTables:
     """The graph of a file. Warns, in the name of a caller's caller, of what its reader counts."""
     tables, read = read_graph([file])
     for path, counted in read.items():
@@ -218,7 +171,7 @@ def _tables_of_file(file: str | Path) -> GraphTables:
     return tables
 
 
-def _with_kinds_of_call(tables: GraphTables, kinds: Mapping[str, str]) -> GraphTables:
+def with_kinds_of_call(tables: GraphTables, kinds: Mapping[str, str]) -> GraphTables:
     """``with_kinds`` that warns, in the name of a caller's caller, of names without a match."""
     with naming_argument("kinds"):
         named = check(options_by_name(kinds, "kinds"), dict[str, Label], "", "")
@@ -228,27 +181,10 @@ def _with_kinds_of_call(tables: GraphTables, kinds: Mapping[str, str]) -> GraphT
     return tables
 
 
-def warn(summary: TrainingSummary) -> None:
-    """Warn, in the name of a caller's caller, of what a training found wrong."""
-    if summary.warning:
-        warnings.warn(summary.warning, stacklevel=3)
-
-
-def train_again(home: Home, vectors: Path | None = None, **options: Any) -> TrainingSummary:
-    """Train a home again on all facts that hold, with its kinds; ``options``: of
-    ``train_bundle``.
+def tables_of_home(rows: Sequence[StoredFact], now: LoadedEmbedding) -> GraphTables:
+    """The graph of the facts that hold in a home, with their counts, kinds and phrases; ``now``:
+    its embedding.
     """
-    bundle, summary = train_bundle(tables_of_home(home), **options)
-    words = home.base.manifest.words
-    if vectors is None and words is not None and Path(words.source).is_file():
-        vectors = Path(words.source)
-    home.train_again(with_words(bundle, vectors))
-    return summary
-
-
-def tables_of_home(home: Home) -> GraphTables:
-    """The graph of the facts that hold in a home, with their counts, kinds and phrases."""
-    rows, now = home.facts(), home.now
     facts = [(*row.fact, row.count) for row in rows]
     frame = pd.DataFrame(facts, columns=[*TRIPLE, COUNT])
     tables = build_tables(MinedSource("home", frame, Naming()(frame, ())))

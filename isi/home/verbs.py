@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from datetime import UTC, datetime, timedelta
+from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Protocol, Self, TypeVar
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from isi.config import Count, Section, Seed, check, plain_numbers
+from isi.config import Count, Positive, Section, Seed, check, plain_numbers
 from isi.errors import InputError, short
 from isi.home.bundle import Text
 
@@ -217,6 +218,18 @@ class Save(Verb):
     folder: Text = Field(description="folder to write")
 
 
+class Train(Verb):
+    """Train again on all that holds."""
+
+    functional: NameList = Field([], description="relation of which a thing has one fact")
+    vectors: Path | Text | None = Field(None, description="word2vec or GloVe file, for words")
+    learning_rate: Positive | None = Field(
+        None, description="of Adagrad; default: the better of two on held-out triples"
+    )
+    dimension: Count = Field(100, description="numbers in an entity's vector")
+    seed: Seed = Field(0, description="seed of everything random")
+
+
 V = TypeVar("V", bound=Verb)
 
 
@@ -247,5 +260,6 @@ VERBS: dict[str, type[Verb]] = {
         Stale,
         Forget,
         Save,
+        Train,
     )
 }
