@@ -307,14 +307,14 @@ class Database(Connection):
 
     # -- vectors and choices -----------------------------------------------------------------------
 
-    def vectors_after(self, change: int) -> list[tuple[Any, ...]]:
-        """What changes after one have computed of inserted entities: the columns that
+    def vectors_since(self, change: int) -> list[tuple[Any, ...]]:
+        """What changes from one on have computed of inserted entities: the columns that
         ``InsertedEntity.of_row`` takes, in order.
         """
         return self.rows(
             "SELECT name, vector, vector.kind, vector.initializer, vector.options, why, fallback,"
             " notes, facts, words, entity.initializer, entity.options"
-            " FROM vector JOIN entity ON entity.id = vector.entity WHERE change > ?",
+            " FROM vector JOIN entity ON entity.id = vector.entity WHERE change >= ?",
             change,
         )
 

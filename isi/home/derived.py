@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection
 from copy import copy
 from dataclasses import replace
 from functools import cached_property
@@ -21,20 +21,21 @@ from isi.home.folder import trained
 from isi.home.inserted import InsertedEntity
 from isi.home.loaded import LoadedEmbedding
 from isi.home.phrases import phrase_vectors, with_words
-from isi.home.times import as_text
 from isi.names import plain
 from isi.vocabulary import Vocabulary
 
 if TYPE_CHECKING:  # what inserts needs PyTorch, and questions do without
     from isi.home.groups import EntityGroups, Member
 
+#: What a ``Derived`` reads when it is first asked for, and again after each change.
+OF_ROWS = ("known_triples", "now", "relations")
+
 
 class Derived:
     """The embedding of a home as it is at one moment of its database.
 
     It does not change: what follows from a change is another object, so that one that stands for
-    the time before is whole when the change fails. What is not always needed (``now``, names of
-    relations, ...) is derived when it is first asked for.
+    the time before is whole when the change fails.
     """
 
     def __init__(
@@ -45,11 +46,9 @@ class Derived:
         self.base = base  #: the trained entities, with the triples of training
         self.training = database.last_training()  #: that of ``base``
         self.choices = choices or Choices(base, database)
-        self.last_change = database.last_change()
         self.rows = dict[str, InsertedEntity]()  #: inserted entities, in order
         self._known_curves = dict[tuple[int, int], Curve | None]()  # by relation and slot
-        self._read_rows(0)
-        self._version: int | None = database.version()
+        self._read(since=0)
 
     @cached_property
     def groups(self) -> EntityGroups:
@@ -62,19 +61,18 @@ class Derived:
 
     def current(self) -> Derived:
         """This, with what other processes have changed, in a time that grows with that."""
-        version = self.database.version()
-        if version == self._version:
+        if self.database.version() == self._version:
             return self
         is_trained = self.database.last_training() != self.training
         if is_trained or not self.database.lists(self.last_change):
             return Derived(self.database, with_own_words(trained(self.database)))
-        current = copy(self)
-        last_change = self.database.last_change()
-        if last_change != self.last_change:
-            current._read_rows(self.last_change[0])
-            current.last_change = last_change
-        current._version = version
-        return current
+        return self.following()
+
+    def following(self) -> Derived:
+        """This, with what changes from the last known one on have written."""
+        following = copy(self)
+        following._read(since=self.last_change[0])
+        return following
 
     def outdated(self) -> Derived:
         """This after a failure. What a transaction wrote that was rolled back is forgotten; what
@@ -82,7 +80,7 @@ class Derived:
         """
         outdated = copy(self)
         outdated.choices.forget()
-        outdated._forget()
+        outdated._forget(*OF_ROWS, "names")
         outdated._version = None
         return outdated
 
@@ -90,63 +88,57 @@ class Derived:
         """What stands after a change whose effects are listed, and the entities whose vectors
         follow from it; they are written, too.
         """
-        after = copy(self)
-        if change.training:
-            after._known_triples = None
-        computed = after._computed(change)
-        after._write(change.id, computed, [*change.added, *change.lost])
-        has_names = bool(change.inserted or change.removed)
-        present = self.database.inserted() if has_names else list(self.rows)
-        rows = self.rows | computed
-        after.rows = {name: rows[name] for name in present}
-        after.last_change = change.id, change.verb, as_text(change.time), change.source
-        if has_names or change.relations or change.verb == "undo":
-            after._forget()
-        elif computed or change.added or change.lost:
-            after._now = None
-        return after, computed
+        changed = [*change.added, *change.lost]
+        state = self.following()
+        inserted = set(self.database.inserted())
+        touched = {*change.inserted, *names_in([*changed, *change.believed])}
+        names = inserted if change.training else touched & inserted
+        return state._with_vectors(change.id, names, {fact[1] for fact in changed})
 
     def with_all_inserted(self, change: int) -> Derived:
         """This, with vectors of all inserted entities computed and written, as a change's: they
         came while the home was trained again.
         """
         names = self.database.inserted()
-        if not names:
-            return self
-        after = copy(self)
-        computed = after.groups.insert(after.members_of(names), after.known_triples)
-        after.rows = {name: computed[name] for name in names}
-        after._write(change, computed, self.database.facts_with("added"))
-        return after
+        return self._with_vectors(change, names, self.database.new_relations())[0]
 
-    def _read_rows(self, after: int) -> None:
-        """Read the vectors of changes after one."""
+    def _with_vectors(
+        self, change: int, names: Collection[str], relations: Collection[str]
+    ) -> tuple[Derived, dict[str, InsertedEntity]]:
+        """This, with vectors of inserted entities, and of those that share facts with them,
+        computed and written as a change's, and what was computed. So are the rows of relations that
+        are not trained and have facts of these, or are among ``relations``.
+        """
+        state, computed = self, dict[str, InsertedEntity]()
+        if names:
+            computed = self.groups.insert(self.members_of(names), self.known_triples)
+            for entity in computed.values():
+                entity.store(self.database, change)
+            state = self.following()
+        new = self.database.new_relations().keys()
+        if not new or not (computed or new & set(relations)):
+            return state, computed
+        for relation in sorted(new):
+            if facts := [row.fact for row in self.database.facts_of_relation(relation)]:
+                vector = self.groups.relation_row(facts, state.now)
+                self.database.put_relation_vector(relation, vector.tobytes())
+        return state.following(), computed
+
+    def _read(self, since: int) -> None:
+        """Read the vectors of changes from one on; what else the tables say, when it is needed."""
         rows = dict(self.rows)
-        for row in self.database.vectors_after(after):
+        for row in self.database.vectors_since(since):
             entity = InsertedEntity.of_row(row, self.base.entities.dtype)
             rows[entity.entity] = entity
-        present = self.database.inserted()
-        self.rows = {name: rows[name] for name in present if name in rows}
-        self._forget()
+        present = [name for name in self.database.inserted() if name in rows]
+        self._forget(*OF_ROWS, *(["names"] if present != list(self.rows) else []))
+        self.rows = {name: rows[name] for name in present}
+        self.last_change = self.database.last_change()
+        self._version: int | None = self.database.version()
 
-    def _forget(self) -> None:
-        """Derive again, when it is needed, what the tables say."""
-        self._now: LoadedEmbedding | None = None
-        self._known_triples: np.ndarray | None = None
-        self._known_names: Vocabulary | None = None
-        self._known_relations: Vocabulary | None = None
-
-    def _computed(self, change: Change) -> dict[str, InsertedEntity]:
-        """The inserted entities whose vectors follow from a change, with those that share facts
-        with them.
-        """
-        inserted = (self.rows.keys() | set(change.inserted)) - set(change.removed)
-        touched = {*change.inserted, *names_in([*change.added, *change.lost, *change.believed])}
-        if change.training:
-            touched = inserted
-        if names := touched & inserted:
-            return self.groups.insert(self.members_of(names), self.known_triples)
-        return {}
+    def _forget(self, *names: str) -> None:
+        for name in names:
+            vars(self).pop(name, None)
 
     def members_of(self, names: Collection[str]) -> dict[str, Member]:
         """Inserted entities, and all that a chain of facts joins to them, as they are to be
@@ -165,65 +157,43 @@ class Derived:
             waiting += [end for end in names_in(facts) if end in inserted and end not in members]
         return members
 
-    def _write(
-        self, change: int, computed: Mapping[str, InsertedEntity], changed: Iterable[Fact]
-    ) -> None:
-        """Write computed vectors, and the rows of the relations that are not trained and that these
-        vectors, or facts that came or went, determine.
-        """
-        for entity in computed.values():
-            entity.store(self.database, change)
-        relations = self.database.new_relations().keys()
-        if not relations or not (computed or relations & {fact[1] for fact in changed}):
-            return
-        rows = {**self.rows, **computed}
-        present = self._as_it_is({name: rows[name] for name in self.database.inserted()})
-        for relation in sorted(relations):
-            if facts := [row.fact for row in self.database.facts_of_relation(relation)]:
-                vector = self.groups.relation_row(facts, present)
-                self.database.put_relation_vector(relation, vector.tobytes())
-
     # -- the embedding -----------------------------------------------------------------------------
 
-    @property
+    @cached_property
     def known_triples(self) -> np.ndarray:
         """The triples of training that hold; ids, shape (T, 3)."""
-        if self._known_triples is None:
-            retracted = self.database.facts_with("retracted")
-            self._known_triples = self.base.triples_without(retracted)
-        return self._known_triples
+        return self.base.triples_without(self.database.facts_with("retracted"))
 
-    @property
+    @cached_property
     def now(self) -> LoadedEmbedding:
         """The bundle with all inserted entities in its last rows, and all facts that hold."""
-        if self._now is None:
-            self._now = self._as_it_is(self.rows)
-        return self._now
+        return self.with_inserted(self.rows)
 
-    def _as_it_is(self, rows: Mapping[str, InsertedEntity]) -> LoadedEmbedding:
-        """The bundle with inserted entities, and what the tables say holds."""
-        base = self.base
-        vectors = {
+    def with_inserted(self, names: Collection[str]) -> LoadedEmbedding:
+        """The bundle with some inserted entities in its last rows, and all facts that hold of
+        these.
+        """
+        base, rows = self.base, [self.rows[name] for name in names]
+        relations = {
             name: np.frombuffer(vector, base.relations.dtype)[None]
             for name, vector in self.database.new_relations().items()
-            if vector is not None
+            if vector is not None  # it has no facts yet
         }
         larger = replace(
             base,
-            entities=np.concatenate([base.entities, *(row.vector[None] for row in rows.values())]),
-            relations=np.concatenate([base.relations, *vectors.values()]),
-            entity_names=[*base.entity_names, *rows],
-            relation_names=[*base.relation_names, *vectors],
-            kinds=[*base.kinds, *(row.kind for row in rows.values())],
-            phrases=[*base.phrases, *map(plain, rows)],
+            entities=np.concatenate([base.entities, *(row.vector[None] for row in rows)]),
+            relations=np.concatenate([base.relations, *relations.values()]),
+            entity_names=[*base.entity_names, *names],
+            relation_names=[*base.relation_names, *relations],
+            kinds=[*base.kinds, *(row.kind for row in rows)],
+            phrases=[*base.phrases, *map(plain, names)],
             # those of inserted entities are looked up where they are needed
             words=None if base.words is None else np.pad(base.words, ((0, len(rows)), (0, 0))),
             inserted=len(rows),
             counts=None,
         )
-        labels = larger.labels.ids  # a new relation has no vector before its first facts
         added, retracted = (
-            larger.ids_of([fact for fact in self.database.facts_with(status) if fact[1] in labels])
+            larger.ids_of(filter(larger.has_names_of, self.database.facts_with(status)))
             for status in ("added", "retracted")
         )
         triples = np.concatenate([self.known_triples, added])
@@ -243,19 +213,15 @@ class Derived:
 
     # -- names -------------------------------------------------------------------------------------
 
-    @property
+    @cached_property
     def names(self) -> Vocabulary:
         """Of known and inserted entities."""
-        if self._known_names is None:
-            self._known_names = self.base.names.with_new(self.rows, "entities")
-        return self._known_names
+        return self.base.names.with_new(self.rows, "entities")
 
-    @property
+    @cached_property
     def relations(self) -> Vocabulary:
         """Of relations, new ones included."""
-        if self._known_relations is None:
-            self._known_relations = Vocabulary("relation", self.database.relations())
-        return self._known_relations
+        return Vocabulary("relation", self.database.relations())
 
     def inserted(self, name: str) -> str:
         """The name of an inserted entity; InputError for another one."""

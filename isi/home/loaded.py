@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property, partial, wraps
-from typing import TYPE_CHECKING, Any, Concatenate, NamedTuple, ParamSpec, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Concatenate, NamedTuple, ParamSpec, TypeVar
 
 import numpy as np
 
@@ -97,9 +97,14 @@ class LoadedEmbedding(Bundle):
         triples: np.ndarray = self.triples[self.triples[:, RELATION] == relation]
         return triples
 
-    def ids_of(self, facts: Collection[Fact]) -> np.ndarray:
+    def ids_of(self, facts: Iterable[Fact]) -> np.ndarray:
         """Facts by name as ids, shape (F, 3), int64."""
-        return ids_by_name(facts, self.names.ids, self.labels.ids)
+        return ids_by_name(list(facts), self.names.ids, self.labels.ids)
+
+    def has_names_of(self, fact: Fact) -> bool:
+        """Whether entities and relation of a fact are rows."""
+        head, relation, tail = fact
+        return relation in self.labels.ids and head in self.names.ids and tail in self.names.ids
 
     def keys_of(self, triples: np.ndarray) -> np.ndarray:
         """A number for each triple of ids, (T, 3); equal triples have equal numbers."""
@@ -244,31 +249,6 @@ class LoadedEmbedding(Bundle):
         """A query as names, with a question mark for the answer."""
         given, relation = self.entity_names[query.given], self.relation_names[query.relation]
         return (given, relation, "?") if query.slot == TAIL else ("?", relation, given)
-
-    def part(self, rows: np.ndarray) -> Self:
-        """The bundle restricted to the entities ``rows`` (ids), in this order,
-        and the triples between them.
-        """
-        new_id = np.full(len(self.entities), -1)
-        new_id[rows] = np.arange(len(rows))
-        triples = self.triples.copy()
-        triples[:, [HEAD, TAIL]] = new_id[self.triples[:, [HEAD, TAIL]]]
-        texts = self.entity_names, self.kinds, self.phrases
-        names, kinds, phrases = ([listed[row] for row in rows] for listed in texts)
-        first = len(self.entities) - self.inserted
-        return replace(
-            self,
-            inserted=int((rows >= first).sum()),
-            added=0,
-            entities=self.entities[rows],
-            entity_names=names,
-            kinds=kinds,
-            phrases=phrases,
-            triples=triples[(triples >= 0).all(1)],
-            retracted=np.zeros((0, 3), np.int64),
-            counts=None,
-            words=None if self.words is None else self.words[rows],
-        )
 
 
 def distinct(numbers: np.ndarray) -> np.ndarray:

@@ -210,13 +210,12 @@ class Questions:
 
         most = check(most, Count, "", "argument 'most'")
         show = check(show, Seed, "", "argument 'show'")
-        now, known = self.now, len(self.base.entities)
+        known = len(self.base.entities)
         if not len(self.known_triples) or not self.derived.rows:
             return None
         queried = map(self._queried, check(entities, NameList, "", "argument 'entities'"))
         names = dict.fromkeys(map(self.derived.inserted, queried))
-        chosen = [now.names.ids[name] for name in names]
-        part = now.part(np.array([*range(known), *chosen])) if chosen else now
+        part = self.derived.with_inserted(names) if names else self.now
         with usual_torch():
             return interference_of(
                 part.embedding,
