@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-from isi.config import LARGEST, Name, Option, Seed
+from isi.config import LARGEST, Name, Option
 from isi.errors import InputError
 from isi.names import check_text
 from isi.vocabulary import Vocabulary
@@ -83,16 +83,6 @@ class Manifest(Record):
 def stored_loss(loss: Loss | TrainingLoss | None) -> LossName | StoredLoss | None:
     """A loss of training as a manifest keeps it."""
     return loss if loss is None or isinstance(loss, str) else StoredLoss(**vars(loss))
-
-
-class NewEntity(Record):
-    """What is told about a new entity, except its facts."""
-
-    definition: Text | None = None
-    kind: Text | None = None
-    initializer: Text | None = None  #: None: the one chosen on hidden known entities
-    options: dict[str, Option] = Field(default_factory=dict)
-    seed: Seed = 0
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,7 @@ from typing import Any, Literal
 import numpy as np
 
 from isi.errors import InputError, at
-from isi.home.bundle import Bundle, Fact, NewEntity, check_numbers
+from isi.home.bundle import Bundle, Fact, check_numbers
 from isi.home.connection import Connection
 from isi.home.facts import StoredFact, changed_columns, effect_of, seen, stored
 from isi.home.schema import (
@@ -242,17 +242,17 @@ class Database(Connection):
     def _names(self, query: str) -> list[str]:
         return [name for (name,) in self.rows(query)]
 
-    def about(self, name: str) -> NewEntity:
-        """What was told about an inserted entity."""
+    def about(self, name: str) -> dict[str, Any]:
+        """What was told about an inserted entity, by column."""
         query = "SELECT kind, definition, initializer, options, seed FROM entity WHERE name = ?"
         ((kind, definition, initializer, options, seed),) = self.rows(query, name)
-        return NewEntity(
-            kind=kind,
-            definition=definition,
-            initializer=initializer,
-            options=json.loads(options),
-            seed=seed,
-        )
+        return {
+            "kind": kind,
+            "definition": definition,
+            "initializer": initializer,
+            "options": json.loads(options),
+            "seed": seed,
+        }
 
     def inserted(self) -> list[str]:
         """The inserted entities, in order."""
@@ -422,10 +422,12 @@ class Database(Connection):
             "INSERT", "effect", {"change": change, "number": number, "effect": effect} | row
         )
 
-    def add_entity(self, change: int, name: str, about: NewEntity) -> None:
-        """Insert an entity; its vector comes by ``put_vector``."""
-        row = {"name": name, "status": "inserted", "phrase": plain(name)} | about.model_dump()
-        self._upsert("entity", row | {"options": json.dumps(about.options)})
+    def add_entity(self, change: int, name: str, about: Mapping[str, Any]) -> None:
+        """Insert an entity, ``about`` which something was told; its vector comes by
+        ``put_vector``.
+        """
+        row = {"name": name, "status": "inserted", "phrase": plain(name), **about}
+        self._upsert("entity", row | {"options": json.dumps(about["options"])})
         self.list_effect(change, "inserted", entity=self._id("entity", name))
 
     def remove_entity(self, change: int, name: str) -> None:

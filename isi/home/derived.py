@@ -18,14 +18,14 @@ from isi.home.choices import Choices
 from isi.home.database import Database
 from isi.home.facts import StoredFact
 from isi.home.folder import trained
-from isi.home.inserted import InsertedEntity
+from isi.home.inserted import InsertedEntity, NewEntity
 from isi.home.loaded import LoadedEmbedding
 from isi.home.phrases import phrase_vectors, with_words
 from isi.names import plain
 from isi.vocabulary import Vocabulary
 
 if TYPE_CHECKING:  # what inserts needs PyTorch, and questions do without
-    from isi.home.groups import EntityGroups, Member
+    from isi.home.groups import EntityGroups
 
 #: What a ``Derived`` reads when it is first asked for, and again after each change.
 OF_ROWS = ("known_triples", "now", "relations")
@@ -140,12 +140,12 @@ class Derived:
         for name in names:
             vars(self).pop(name, None)
 
-    def members_of(self, names: Collection[str]) -> dict[str, Member]:
+    def members_of(self, names: Collection[str]) -> dict[str, NewEntity]:
         """Inserted entities, and all that a chain of facts joins to them, as they are to be
         inserted.
         """
         of_training, inserted = self.base.labels.ids, set(self.database.inserted())
-        members: dict[str, Member] = {}
+        members: dict[str, NewEntity] = {}
         waiting = sorted(names)
         while waiting:
             name = waiting.pop()

@@ -6,9 +6,9 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from datetime import datetime
 
-from isi.config import check, plain_numbers
+from isi.config import check
 from isi.errors import InputError, at
-from isi.home.bundle import Fact, NewEntity
+from isi.home.bundle import Fact
 from isi.home.changes import Effect, changes_of, effect_of
 from isi.home.database import Database
 from isi.home.derived import Derived
@@ -83,13 +83,14 @@ class Edit:
         for name in self.new_entities.values():
             kind = kind_texts.get(name)
             with at(repr(name)[:80]):
-                about = NewEntity(
-                    definition=definitions.get(name),
-                    kind=None if kind is None else kinds.find(kind),
-                    initializer=options.initializer,
-                    options=plain_numbers(dict(options.options or {})),
-                    seed=options.seed,
-                )
+                kind = None if kind is None else kinds.find(kind)
+            about = {
+                "definition": definitions.get(name),
+                "kind": kind,
+                "initializer": options.initializer,
+                "options": dict(options.options or {}),
+                "seed": options.seed,
+            }
             self.database.add_entity(self.number, name, about)
 
     def _by_name(self, argument: str, texts: str | Mapping[str, str] | None) -> Mapping[str, str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import torch
@@ -10,9 +10,10 @@ import torch
 from isi.graph.graph import HEAD, TAIL
 from isi.home.bundle import Fact
 from isi.home.derived import Derived
+from isi.home.loaded import LoadedEmbedding
 from isi.initializers import similarity
-from isi.insertion.engine import context_for
-from isi.insertion.result import Details
+from isi.initializers.api import InitResult
+from isi.insertion.engine import NovelEntities, context_for
 from isi.models.stack import usual_torch
 
 #: Maximum number of indicators shown, and least weight, unless the vector is their centroid.
@@ -53,7 +54,7 @@ class Explanation:
 def explain(derived: Derived, name: str) -> Explanation:
     """Explain the inserted entity of a name; its insertion is computed again."""
     row, members = derived.rows[name], dict(sorted(derived.members_of([name]).items()))
-    result = derived.groups.result(members, derived.known_triples, row)
+    novel, result = derived.groups.again(members, derived.known_triples, row)
     member = members[name]
     return Explanation(
         entity=name,
@@ -65,23 +66,24 @@ def explain(derived: Derived, name: str) -> Explanation:
         fallback=row.fallback,
         words=member.words.note,
         notes=list(row.notes),
-        indicators=indicators_of(result, list(members).index(name), derived.base.entity_names),
+        indicators=indicators_of(novel, result, list(members).index(name), derived.base),
     )
 
 
-def indicators_of(result: Details, place: int, names: Sequence[str]) -> list[Indicator]:
+def indicators_of(
+    novel: NovelEntities, result: InitResult, place: int, base: LoadedEmbedding
+) -> list[Indicator]:
     """The indicators of an inserted entity, by falling weight; without weights,
     the most similar known entities.
 
-    ``place``: of the entity among those that are inserted together; ``names``: of known ones.
+    ``place``: of the entity among those that are inserted together.
     """
-    novel, entity = result.novel, result.known + place
+    entity, known = novel.known + place, slice(novel.known)
     touches = (novel.triples[:, [HEAD, TAIL]] == entity).sum(1) == 1
     seen = context_for(novel, torch.tensor([entity]), novel.triples[touches])
     has_words = bool(similarity.has_words(seen))
     # a model without inverse has no relational scores
     has_triples = bool(similarity.has_insert_triples(seen)) and seen.theta0.model.invertible
-    known = slice(len(names))
     candidates = seen.candidates[0, 0, known]
     named = similarity.word_eligible(seen)[0, 0, known]
     similar = similarity.word_similarity(seen)[0, 0, known]
@@ -89,7 +91,7 @@ def indicators_of(result: Details, place: int, names: Sequence[str]) -> list[Ind
     if has_triples:
         related = similarity.mean_relational_score(seen)[0, 0, known]
     likeness = similar * named * has_words + related * has_triples
-    weights = None if result.weights is None else torch.from_numpy(result.weights[place])
+    weights = None if result.weights is None else result.weights[0, place, known].float()
     if weights is not None:
         of_candidates = weights[candidates]
         # many equal ones say nothing
@@ -110,7 +112,7 @@ def indicators_of(result: Details, place: int, names: Sequence[str]) -> list[Ind
     for other in best.tolist():
         indicator = Indicator(
             id=other,
-            entity=names[other],
+            entity=base.entity_names[other],
             weight=None if weights is None else float(weights[other]),
             words=float(similar[other]) if has_words and named[other] else None,
             relations=float(related[other]) if has_triples else None,

@@ -5,38 +5,28 @@ from __future__ import annotations
 from collections import ChainMap
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any, cast
 from zlib import crc32
 
 import numpy as np
 import torch
 
 from isi.errors import InputError
-from isi.home.bundle import Fact, NewEntity
+from isi.home.bundle import Fact
 from isi.home.choices import Choices, prepared
-from isi.home.inserted import Choice, InsertedEntity, Key, requested
+from isi.home.inserted import Choice, InsertedEntity, Key, NewEntity, requested
 from isi.home.loaded import LoadedEmbedding
-from isi.home.phrases import PhraseVector, PhraseVectors
-from isi.initializers.scale import fit_scale
-from isi.insertion.api import insert_request
+from isi.home.phrases import NO_WORDS, PhraseVector, PhraseVectors
+from isi.initializers.api import FALLBACKS, InitResult
+from isi.initializers.scale import Scale, fit_scale
+from isi.insertion.api import run_engine
+from isi.insertion.engine import NovelEntities
 from isi.insertion.relations import fit_relations
-from isi.insertion.request import InsertRequest, KnownEmbedding
-from isi.insertion.result import Details
+from isi.insertion.selection import named
+from isi.models.losses import loss_named
 from isi.models.stack import usual_torch
 from isi.names import plain
 from isi.vocabulary import ids_by_name
-
-NO_WORDS = PhraseVector(None, "this embedding has no word vectors")
-
-
-@dataclass(frozen=True, eq=False)
-class Member:
-    """An entity that is to be inserted: what was told about it, and what its name says."""
-
-    about: NewEntity
-    facts: Mapping[Fact, float]  #: by relations of training, sorted, and how far each is believed
-    words: PhraseVector
-    kind: str
-    notes: tuple[str, ...]  #: sentences on its kind, its words and unusual facts
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,20 +39,22 @@ class EntityGroups:
     phrases: PhraseVectors | None
     choices: Choices
 
-    def member(self, name: str, about: NewEntity, facts: Mapping[Fact, float]) -> Member:
-        """A new entity with its words and its kind; ``facts``: those of relations of training, and
-        how far each is believed.
+    def member(self, name: str, about: Mapping[str, Any], facts: Mapping[Fact, float]) -> NewEntity:
+        """A new entity with its words and its kind.
+
+        ``about``: what was told, by field; ``facts``: those of relations of training, and how far
+        each is believed.
         """
-        words = self.words(name, about.definition)
-        kind, reason = about.kind or "", ""
-        if not about.kind:
+        new = NewEntity(**about, facts=facts)
+        words, kind, reason = self.words(name, new.definition), new.kind or "", ""
+        if not kind:
             alike = None
             if self.phrases is not None and words.vector is not None:
-                alike = self.phrases.alike(plain(name), about.definition)
+                alike = self.phrases.alike(plain(name), new.definition)
             kind, reason = self.base.kind_of(name, facts, alike)
         no_words = f"{name} has no words: {words.note}" if words.vector is None else ""
-        notes = [reason, no_words, *self.base.kind_notes(facts, name)]
-        return Member(about, facts, words, kind, tuple(filter(None, notes)))
+        notes = filter(None, [reason, no_words, *self.base.kind_notes(facts, name)])
+        return replace(new, kind=kind, words=words, notes=tuple(notes))
 
     def words(self, name: str, definition: str | None) -> PhraseVector:
         """The word vector of a new entity, from its definition or its name."""
@@ -71,7 +63,7 @@ class EntityGroups:
         return self.phrases.vector(plain(name), definition)
 
     def insert(
-        self, members: Mapping[str, Member], known_triples: np.ndarray
+        self, members: Mapping[str, NewEntity], known_triples: np.ndarray
     ) -> dict[str, InsertedEntity]:
         """Insert entities, each with all that share facts with it.
 
@@ -79,7 +71,7 @@ class EntityGroups:
         entity that has neither facts nor words nor an initializer of its own.
         """
         members = dict(sorted(members.items()))
-        groups = dict[tuple[Key, int, str], dict[str, Member]]()
+        groups = dict[tuple[Key, int, str], dict[str, NewEntity]]()
         for names in components(members):
             together = {name: members[name] for name in names}
             key, seed = _key_and_seed(together, members.keys())
@@ -89,26 +81,27 @@ class EntityGroups:
         inserted = dict[str, InsertedEntity]()
         for (key, seed, _), together in groups.items():
             choice = self.choices.needed(key)
-            result = self._insert(choice, seed, together, known_triples)
+            novel, result = self._insert(choice, seed, together, known_triples)
+            vectors = novel.theta.entity[0, novel.known :].numpy().astype(self.base.entities.dtype)
             for place, (name, member) in enumerate(together.items()):
                 inserted[name] = InsertedEntity(
                     entity=name,
-                    vector=result.vectors[place].copy(),
-                    kind=member.kind,
+                    vector=vectors[place].copy(),
+                    kind=member.kind or "",
                     initializer=choice.initializer,
                     options=choice.options,
                     why=choice.why,
-                    fallback=result.fallback[place],
+                    fallback=FALLBACKS[int(result.fallback[0, place])],
                     notes=member.notes,
                     key=key,
                 )
         return inserted
 
-    def result(
-        self, members: Mapping[str, Member], known_triples: np.ndarray, row: InsertedEntity
-    ) -> Details:
-        """All that the engine says of entities that share facts, sorted by name, when they are
-        inserted as one of them was, whose ``row`` it is.
+    def again(
+        self, members: Mapping[str, NewEntity], known_triples: np.ndarray, row: InsertedEntity
+    ) -> tuple[NovelEntities, InitResult]:
+        """What the engine says of entities that share facts, sorted by name, when they are inserted
+        as one of them was, whose ``row`` it is.
         """
         choice = self.choices.find(row.key)
         if choice is None:
@@ -116,40 +109,51 @@ class EntityGroups:
         _, seed = _key_and_seed(members, members)
         return self._insert(choice, seed, members, known_triples)
 
+    @usual_torch()
     def _insert(
         self,
         choice: Choice,
         seed: int,
-        members: Mapping[str, Member],
+        members: Mapping[str, NewEntity],
         known_triples: np.ndarray,
-    ) -> Details:
-        """Insert the entities of a group, sorted by name, into the bundle's embedding."""
-        base = self.base
-        new = {name: row for row, name in enumerate(members, len(base.entities))}
-        ids = ChainMap(new, base.names.ids)
+    ) -> tuple[NovelEntities, InitResult]:
+        """Insert the entities of a group, sorted by name, into the bundle's embedding: what was
+        given to the engine, with their vectors in its last rows, and what the engine says.
+        """
+        base, number = self.base, len(self.base.entities)
+        ids = ChainMap({name: row for row, name in enumerate(members, number)}, base.names.ids)
         facts = dict[Fact, float]()
         for member in members.values():
             facts |= member.facts
         facts = {fact: facts[fact] for fact in sorted(facts)}
         doubtful = any(believed < 1 for believed in facts.values())
-        request = InsertRequest(
+        loss = base.manifest.loss or choice.trained_with
+        method = named(choice.initializer, dict(choice.options), base.model, number + len(members))
+        scale = Scale(loss_named(loss))
+        if method.initializer.cost == "newton":
+            scale = fit_scale(base.embedding, torch.from_numpy(known_triples), loss)
+        known = base.embedding.entity
+        rows = torch.cat([known, known.new_zeros(1, len(members), known.shape[2])], 1)
+        novel = NovelEntities(
+            theta=replace(base.embedding, entity=rows),
+            known=number,
+            number=len(members),
+            known_relations=len(base.relations),
             triples=ids_by_name(facts, ids, base.labels.ids),
-            new=len(members),
+            known_triples=known_triples,
             words=self._word_rows([member.words.vector for member in members.values()]),
             kinds=self._kind_ids([member.kind for member in members.values()]),
-            initializer=choice.initializer,
-            options=choice.options,
-            trained_with=base.manifest.loss or choice.trained_with,
             seed=seed,
+            scale=scale,
             entity_keys=np.array([crc32(name.encode()) for name in members], np.int64),
-            confidence=list(facts.values()) if doubtful else None,
+            confidence=np.array(list(facts.values())) if doubtful else None,
         )
-        known = KnownEmbedding(base.entities, base.relations, base.model, triples=known_triples)
-        return insert_request(known, request).details
+        result = run_engine(novel, method, list(members).__getitem__)
+        return novel, cast("InitResult", result)  # there are new entities
 
-    def _kind_ids(self, kinds: Sequence[str]) -> np.ndarray:
+    def _kind_ids(self, kinds: Sequence[str | None]) -> np.ndarray:
         """A number for the kind of each known entity and of new ones, (E + n,); -1 without one."""
-        new = [self.base.kind_numbers.get(kind, -1) for kind in kinds]
+        new = [self.base.kind_numbers.get(kind or "", -1) for kind in kinds]
         return np.concatenate([self.base.kind_ids, np.array(new, np.int64)])
 
     def _word_rows(self, vectors: Sequence[np.ndarray | None]) -> np.ndarray | None:
@@ -183,16 +187,17 @@ class EntityGroups:
         return row
 
 
-def _key_and_seed(members: Mapping[str, Member], inserted: Collection[str]) -> tuple[Key, int]:
+def _key_and_seed(members: Mapping[str, NewEntity], inserted: Collection[str]) -> tuple[Key, int]:
     """The key of the choice for entities that share facts, and their seed."""
     requests, known_facts = set(), 0
     for name, member in members.items():
-        about, facts = member.about, member.facts
-        requests.add((requested(about.initializer, about.options), about.seed))
-        if not facts and member.words.vector is None and about.initializer is None:
+        requests.add((requested(member.initializer, member.options), member.seed))
+        if not member.facts and member.words.vector is None and member.initializer is None:
             expected = f"expected a fact or a word vector; {member.words.note}"
             raise InputError(repr(name)[:80], "", expected)
-        known_facts += sum(not (head in inserted and tail in inserted) for head, _, tail in facts)
+        known_facts += sum(
+            not (head in inserted and tail in inserted) for head, _, tail in member.facts
+        )
     if len(requests) > 1:
         expected = (
             "expected one initializer, one set of options "
@@ -204,7 +209,7 @@ def _key_and_seed(members: Mapping[str, Member], inserted: Collection[str]) -> t
     return (prepared(known_facts / len(members)), all_have_words, initializer), seed
 
 
-def components(members: Mapping[str, Member]) -> Iterator[list[str]]:
+def components(members: Mapping[str, NewEntity]) -> Iterator[list[str]]:
     """The entities that a chain of facts joins to each other, sorted, one component after the
     other.
     """

@@ -1,17 +1,18 @@
-"""An inserted entity as its home has it, and the choice of what inserted it."""
+"""An entity before and after it is inserted, and the choice of what inserts it."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from isi.evaluation.platt import Curves
-from isi.home.bundle import LossName
+from isi.home.bundle import Fact, LossName
 from isi.home.database import Database
+from isi.home.phrases import NO_WORDS, PhraseVector
 
 #: On what a choice depends: the number of facts with known entities, one of
 #: ``isi.home.choices.PREPARED`` (of several new entities, the mean); whether all have word vectors;
@@ -22,6 +23,23 @@ Key = tuple[int, bool, str]
 def requested(initializer: str | None, options: Mapping[str, Any]) -> str:
     """An initializer that was asked for, with its options, as JSON; empty if none was."""
     return "" if initializer is None else json.dumps([initializer, *sorted(options.items())])
+
+
+@dataclass(frozen=True, eq=False)
+class NewEntity:
+    """An entity that is to be inserted: what was told about it, and what its facts and its name
+    say.
+    """
+
+    kind: str | None  #: None, and then an empty text: unknown
+    definition: str | None
+    initializer: str | None  #: None: the one chosen on hidden known entities
+    options: Mapping[str, Any]
+    seed: int
+    #: by relations of training, sorted, and how far each is believed
+    facts: Mapping[Fact, float] = field(default_factory=dict)
+    words: PhraseVector = NO_WORDS
+    notes: tuple[str, ...] = ()  #: sentences on its kind, its words and unusual facts
 
 
 @dataclass(frozen=True)
@@ -52,7 +70,7 @@ class InsertedEntity:
 
     @classmethod
     def of_row(cls, row: Sequence[Any], dtype: np.dtype[Any]) -> InsertedEntity:
-        """The entity of a row of ``Database.vectors_after``; ``dtype``: of vectors."""
+        """The entity of a row of ``Database.vectors_since``; ``dtype``: of vectors."""
         entity, vector, kind, initializer, options, why, fallback, notes, *of_key = row
         facts, words, named, named_options = of_key
         return cls(

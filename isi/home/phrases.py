@@ -45,6 +45,9 @@ class PhraseVector(NamedTuple):
     note: str  #: the source of the vector, or why there is none
 
 
+NO_WORDS = PhraseVector(None, "this embedding has no word vectors")
+
+
 @dataclass(frozen=True, eq=False)
 class PhraseVectors:
     """Word vectors of a bundle's entities, and how a new phrase gets a comparable one."""

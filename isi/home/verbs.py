@@ -13,7 +13,7 @@ from typing import Annotated, Any, ClassVar, Literal, Protocol, Self, TypeVar
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from isi.config import Count, Positive, Section, Seed, check, plain_numbers
+from isi.config import Count, Option, Positive, Section, Seed, check, plain_numbers
 from isi.errors import InputError, short
 from isi.home.bundle import Text
 
@@ -63,7 +63,7 @@ Age = Annotated[timedelta, BeforeValidator(as_age)]
 NameList = Annotated[list[Text], BeforeValidator(as_names)]
 Confidence = Annotated[float, Field(gt=0, le=1)]
 EachText = Text | Mapping[Text, Text] | None  #: For each new entity, or by name.
-InitializerOptions = Mapping[str, Any] | None  #: Of an initializer.
+InitializerOptions = Mapping[str, Option] | None  #: Of an initializer.
 #: Triples by name in any form of ``isi.insert``, perhaps with a fourth part, their confidence.
 FactForms = Any
 

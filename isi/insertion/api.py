@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -16,9 +16,9 @@ from isi.initializers.api import InitResult, NoRelationMap
 from isi.initializers.scale import Scale
 from isi.insertion import engine
 from isi.insertion.arguments import Embedder, TripleForms, naming_argument, options_by_name
-from isi.insertion.engine import Method
+from isi.insertion.engine import Method, NovelEntities
 from isi.insertion.hidden import HoldOut
-from isi.insertion.request import Checked, InsertRequest, KnownEmbedding, checked_request
+from isi.insertion.request import Checked, InsertRequest, KnownEmbedding, checked_request, refusal
 from isi.insertion.result import Details, Inserted
 from isi.insertion.selection import Selection, named, one_score, preferred, select
 from isi.models.losses import Loss, TrainingLoss, loss_named
@@ -143,7 +143,7 @@ def insert_request(known: KnownEmbedding, request: InsertRequest, stacklevel: in
     if method.initializer.cost == "newton" or working.novel.has_new_relations:
         scale = test.scales[0]
     working = replace(working, novel=replace(working.novel, scale=scale))
-    computed = run_engine(working, method)
+    computed = run_engine(working.novel, method, working.name_of)
     details = Details(*working.new_rows(method), checked, method, test, computed)
     return Inserted(details, selection)
 
@@ -160,13 +160,13 @@ def _method(checked: Checked, request: InsertRequest) -> tuple[Method, HoldOut, 
     if request.initializer is not None:
         method = named(request.initializer, options, model, entities)
     else:
-        default = preferred(model, has_triples, checked.words_serve, request.trained_with)
+        default = preferred(model, has_triples, novel.words_serve, request.trained_with)
         method = named(default.initializer.name, options, model, entities)
         method = replace(method, why=default.why)
     method = replace(method, trained_with=request.trained_with or "logistic")
     # a model without inverse cannot serve a new entity that has triples alone by an initializer
     # that needs words
-    words_for_all = checked.words_serve and (model.invertible or bool(checked.has_words.all()))
+    words_for_all = novel.words_serve and (model.invertible or bool(novel.has_words.all()))
     test = _hold_out(checked, words_for_all, request.trained_with)
     is_free = request.initializer is None and not options
     if request.choose and is_free and len(novel.known_triples) and novel.number:
@@ -197,15 +197,20 @@ def _hold_out(checked: Checked, with_words: bool, loss: Loss | TrainingLoss | No
     )
 
 
-def run_engine(checked: Checked, method: Method) -> InitResult | None:
-    """Compute rows with the engine; its errors name the argument or the new entity."""
+def run_engine(
+    novel: NovelEntities, method: Method, name_of: Callable[[int], str | int]
+) -> InitResult | None:
+    """Compute rows with the engine. Its errors name the argument or the new entity, by its place
+    (``name_of``).
+    """
     try:
         with naming_argument("initializer"):
-            return engine.insert(checked.novel, method)
+            return engine.insert(novel, method)
     except NoRelationMap as error:
         name = method.initializer.name
         expected = f"expected word vectors, also of known entities, for {name}"
-        raise checked.refusal(checked.has_triple & ~checked.has_words, expected) from error
+        without = novel.has_triple & ~novel.has_words
+        raise refusal(without, expected, name_of) from error
     except NotFinite as error:
         expected = f"expected other known vectors: {error.message}"
         raise InputError("argument 'entities'", "", expected) from error

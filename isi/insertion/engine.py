@@ -69,6 +69,26 @@ class NovelEntities:
         return has_one
 
     @property
+    def has_triple(self) -> np.ndarray:
+        """Whether a novel entity has a triple with another entity; shape (n,), bool."""
+        ends = self.triples[:, [HEAD, TAIL]]
+        return np.isin(self.ids, ends[ends[:, 0] != ends[:, 1]])
+
+    @property
+    def has_words(self) -> np.ndarray:
+        """Whether a novel entity has a word vector; shape (n,), bool."""
+        if self.words is None:
+            return np.zeros(self.number, bool)
+        has_words: np.ndarray = np.array(self.words[self.known :].any(1))
+        return has_words
+
+    @property
+    def words_serve(self) -> bool:
+        """Whether known and novel entities have word vectors."""
+        known = self.words is not None and self.words[: self.known].any()
+        return bool(known and self.has_words.any())
+
+    @property
     def has_new_relations(self) -> bool:
         return self.theta.relation.shape[1] > self.known_relations
 

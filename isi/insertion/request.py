@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,7 +12,6 @@ import torch
 
 from isi.config import NotNegative, Seed, check
 from isi.errors import InputError
-from isi.graph.graph import HEAD, TAIL
 from isi.insertion import arguments
 from isi.insertion.arguments import Embedder, TripleForms, table, triples_of
 from isi.insertion.engine import Method, NovelEntities
@@ -110,27 +109,6 @@ class Checked:
     def model(self) -> Model:
         return self.novel.theta.model
 
-    @property
-    def has_triple(self) -> np.ndarray:
-        """Whether a new entity has a triple with another entity; shape (n,), bool."""
-        ends = self.novel.triples[:, [HEAD, TAIL]]
-        return np.isin(self.novel.ids, ends[ends[:, 0] != ends[:, 1]])
-
-    @property
-    def has_words(self) -> np.ndarray:
-        """Whether a new entity has a word vector; shape (n,), bool."""
-        words = self.novel.words
-        if words is None:
-            return np.zeros(self.novel.number, bool)
-        has_words: np.ndarray = np.array(words[self.novel.known :].any(1))
-        return has_words
-
-    @property
-    def words_serve(self) -> bool:
-        """Whether known and new entities have word vectors."""
-        words = self.novel.words
-        return words is not None and bool(words[: self.novel.known].any() and self.has_words.any())
-
     def with_rows(self) -> Checked:
         """The same with rows of zeros for new entities in a copy of the table of ``novel``."""
         theta = self.novel.theta
@@ -154,20 +132,25 @@ class Checked:
 
     def refuse_without_facts(self) -> None:
         """InputError for a new entity with neither triples nor words that serve."""
-        without = ~(self.has_triple | (self.has_words & self.words_serve))
+        novel = self.novel
+        without = ~(novel.has_triple | (novel.has_words & novel.words_serve))
         if without.any():
             expected = (
                 "expected insert triples, word vectors (also of known entities), "
                 "or an initializer such as mean"
             )
-            raise self.refusal(without, expected)
+            raise refusal(without, expected, self.name_of)
 
-    def refusal(self, entities: np.ndarray, expected: str) -> InputError:
-        """The error of the first new entity of a mask, (n,), or of ``words`` if it has none."""
-        if not entities.any():
-            return InputError("argument 'words'", "", expected)
-        name = self.names.of(self.novel.known + int(np.argmax(entities)))
-        return InputError(f"new entity {name!r:.80}", "", expected)
+    def name_of(self, place: int) -> str | int:
+        """The name of a new entity by its place among them."""
+        return self.names.of(self.novel.known + place)
+
+
+def refusal(entities: np.ndarray, expected: str, name_of: Callable[[int], str | int]) -> InputError:
+    """The error of the first new entity of a mask, (n,), or of ``words`` if it has none."""
+    if not entities.any():
+        return InputError("argument 'words'", "", expected)
+    return InputError(f"new entity {name_of(int(np.argmax(entities)))!r:.80}", "", expected)
 
 
 def checked_request(known: KnownEmbedding, request: InsertRequest) -> Checked:
