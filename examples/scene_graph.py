@@ -51,7 +51,7 @@ print(home)
 tables, _ = read_graph([maps[-1]])
 facts = tables.triples[["head", "relation", "tail"]].to_numpy().tolist()
 done = home.tell(facts)
-print("inserted:", ", ".join(done.inserted), "seen again:", done.known)
+print("inserted:", ", ".join(done.inserted), "seen again:", done.seen)
 
 # %% Where is it, and what is it made of? A folder is the home for `isi ask` and `isi live`
 for name in done.inserted:

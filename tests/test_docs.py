@@ -142,7 +142,7 @@ def test_output_is_made_from_the_files_of_the_page(tmp_path: Path) -> None:
     page = SHOWN.format("stale\n")
     assert docs.needs(page) == ["data/raw"]
     made = docs.with_output(page, tmp_path, printed)
-    assert made == SHOWN.format("kettle|1|\n")
+    assert made == SHOWN.format("kettle|trained|\n")
     assert not docs.alike(made, page)
     assert docs.needs("```console\n$ isi ask\n```\n") is None
 

@@ -194,9 +194,7 @@ def test_a_model() -> None:
 
 
 @pytest.mark.usefixtures("registries")
-def test_a_model_with_defaults_trains_by_the_command(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_model_with_defaults_is_checked_without_options(monkeypatch: pytest.MonkeyPatch) -> None:
     of_page, with_defaults = '"transh")', '"transh", defaults={"margin": 4.0})'
     text = code("own model")
     assert f"`@register_model({with_defaults}`" in PAGE.read_text(encoding="utf-8")
@@ -204,28 +202,7 @@ def test_a_model_with_defaults_trains_by_the_command(
     module = ModuleType("own_model")
     monkeypatch.setitem(sys.modules, module.__name__, module)
     exec(compile(text.replace(of_page, with_defaults), "own", "exec"), module.__dict__)  # noqa: S102
-    facts = [f"thing{number},near,thing{(7 * number + 1) % 12}" for number in range(12)]
-    path = tmp_path / "facts.csv"
-    path.write_text("\n".join(["head,relation,tail", *facts]), encoding="utf-8")
-    out = tmp_path / "home"
-    main(
-        [
-            "train",
-            str(path),
-            "--model",
-            "transh",
-            "--dimension",
-            "4",
-            "--out",
-            str(out),
-            "--learning-rate",
-            "0.1",
-        ]
-    )
-    capsys.readouterr()
-    main(["ask", "thing0", "near", "--home", str(out), "--json"])
-    assert json.loads(capsys.readouterr().out)["answers"][0]["known"]
-    assert isi.open(out).base.relations.shape[1] == 8  # a normal and a translation
+    assert isi.check_model("transh")
 
 
 @pytest.mark.parametrize("own", ["own source"], indirect=True)
