@@ -23,7 +23,7 @@ def test_answers_are_ranked_by_score_among_those_of_a_kind_that_can_answer() -> 
     assert [
         (one.entity, one.rank, one.score, one.known, one.probability) for one in result.answers
     ] == [
-        ("kitchen", 1, 3.0, True, None),
+        ("kitchen", 1, 3.0, True, 1.0),
         ("bedroom", 2, 1.0, False, None),
     ]
 

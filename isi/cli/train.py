@@ -101,15 +101,17 @@ def _train(tables: GraphTables, out: Path, verb: verbs.Train, of_files: Sequence
     from isi.home.bundle import with_functional
     from isi.home.folder import create
     from isi.home.home import Home
-    from isi.home.phrases import with_words
     from isi.home.train import train_bundle
 
     with _flags():
         bundle, summary = train_bundle(
-            tables, learning_rate=verb.learning_rate, dimension=verb.dimension, seed=verb.seed
+            tables,
+            verb.vectors,
+            learning_rate=verb.learning_rate,
+            dimension=verb.dimension,
+            seed=verb.seed,
         )
         bundle = with_functional(bundle, verb.functional)
-    bundle = with_words(bundle, None if verb.vectors is None else Path(verb.vectors))
     with Home(bundle, create(bundle, out)) as home:
         home.prepare(progress=True)
     print(*of_files, summary, sep="\n")

@@ -8,6 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 MOST_UNKNOWN = 2**14  #: Maximum number of unknown answers per curve.
+#: Of a fit near another curve: the weight of half the squared distance of both coefficients, in
+#: units of the scores' standard deviation. They are expected within about two of each other.
+NEARNESS = 0.25
 #: Of Newton's method: maximum number of steps, and the relative gain at which it stops.
 STEPS, GAIN = 50, 1e-10
 
@@ -65,9 +68,11 @@ class Curves:
         return cls({int(relation): curve for relation, curve in curves.items()}, of_all)
 
 
-def fit_platt(scores: np.ndarray, known: np.ndarray) -> PlattCurve:
+def fit_platt(scores: np.ndarray, known: np.ndarray, near: PlattCurve | None = None) -> PlattCurve:
     """Fit a logistic curve to the scores of answers, (N,),
     and whether they are ``known``, (N,), bool.
+
+    ``near``: the curve from which few answers do not lead far away.
 
     Targets are Platt's, (n₊ + 1) / (n₊ + 2) and 1 / (n₋ + 2), which keep the curve finite if scores
     separate known from unknown answers. At most ``MOST_UNKNOWN`` unknown answers, spread evenly
@@ -84,7 +89,11 @@ def fit_platt(scores: np.ndarray, known: np.ndarray) -> PlattCurve:
     weight[: len(right)] = 1.0
     centre, spread = inputs.mean(), max(inputs.std(), 1e-12)
     columns = np.stack([(inputs - centre) / spread, np.ones(len(inputs))], 1)
-    fit = _logistic_regression(columns, target, weight)
+    start, nearness = np.zeros(2), 0.0
+    if near is not None:
+        start = np.array([near.slope * spread, near.offset + near.slope * centre])
+        nearness = NEARNESS
+    fit = _logistic_regression(columns, target, weight, start, nearness)
     slope = float(fit[0] / spread)
     if slope <= 0:  # probability must not fall with the score
         share = float((weight * target).sum() / weight.sum())
@@ -92,22 +101,27 @@ def fit_platt(scores: np.ndarray, known: np.ndarray) -> PlattCurve:
     return PlattCurve(slope, float(fit[1] - fit[0] * centre / spread))
 
 
-def _logistic_regression(inputs: np.ndarray, target: np.ndarray, weight: np.ndarray) -> np.ndarray:
+def _logistic_regression(
+    inputs: np.ndarray, target: np.ndarray, weight: np.ndarray, start: np.ndarray, nearness: float
+) -> np.ndarray:
     """Coefficients, (2,), for inputs (N, 2), by Newton's method;
     a step is halved until the loss does not rise.
+
+    ``nearness``: weight of half the squared distance from the ``start``, (2,).
     """
 
     def loss_of(coefficients: np.ndarray) -> float:
-        score = inputs @ coefficients
-        return float((weight * (np.logaddexp(0, score) - target * score)).sum())
+        score, moved = inputs @ coefficients, coefficients - start
+        loss = (weight * (np.logaddexp(0, score) - target * score)).sum()
+        return float(loss + nearness / 2 * moved @ moved)
 
-    coefficients = np.zeros(2)
+    coefficients = start.copy()
     loss = loss_of(coefficients)
     for _ in range(STEPS):
         likely = _sigmoid(inputs @ coefficients)
-        gradient = inputs.T @ (weight * (likely - target))
+        gradient = inputs.T @ (weight * (likely - target)) + nearness * (coefficients - start)
         hessian = (inputs * (weight * likely * (1 - likely))[:, None]).T @ inputs
-        hessian = hessian + 1e-9 * np.eye(2)
+        hessian = hessian + (1e-9 + nearness) * np.eye(2)
         step, share = np.linalg.solve(hessian, gradient), 1.0
         while (after := loss_of(coefficients - share * step)) > loss and share > GAIN:
             share /= 2

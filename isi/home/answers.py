@@ -25,6 +25,11 @@ from isi.home.loaded import LoadedEmbedding, Query, answers_in, best_first
 #: Least probability of an answer that is stated as one. With it, four in five of the best answers
 #: about hidden objects of AI2-THOR were right (docs/command.md).
 LIKELY = 0.3
+#: Fewest facts of an entity that counts as well known.
+FEW = 5
+#: What is known of a query and of the entity it is about: no answer; answers, but few facts of the
+#: entity; and many.
+STATES = NO_ANSWER, FEW_FACTS, MANY_FACTS = "0", "1", str(FEW)
 #: Maximum number of answers and of queried entities per curve.
 MOST_ANSWERS, MOST_ENTITIES = 2**19, 256
 
@@ -36,7 +41,8 @@ class Answer:
     entity: str  #: or the relation that is asked for
     rank: int  #: of its score among the candidates, from 1
     score: float
-    probability: float | None  #: calibrated; None without a curve
+    #: of a known answer: how far its fact is believed; else calibrated, None without a curve
+    probability: float | None
     given: bool  #: whether it makes a fact that was added after training
     known: bool  #: whether it makes a known triple, given or trained on
     inserted: bool  #: whether it is an inserted entity
@@ -97,7 +103,7 @@ def answer(
             entity=names[row],
             rank=place + 1,
             score=scores[place].item(),
-            probability=probability,
+            probability=opened.belief(query, row) if known[place] else probability,
             given=bool(is_added[place]),
             known=bool(known[place]),
             inserted=row >= len(names) - opened.inserted,
@@ -128,10 +134,13 @@ def answer_relation(
             relation, HEAD
         )
         (probability,) = _probabilities(curve_of(relation), scores[[relation]]) if fits else [0.0]
-        known = tail in opened.answers(Query(head, relation, TAIL))
+        query = Query(head, relation, TAIL)
+        known = tail in opened.answers(query)
+        if known:
+            probability = opened.belief(query, tail)
         if known and new:
             continue
-        is_added = tail in answers_in(added, Query(head, relation, TAIL))
+        is_added = tail in answers_in(added, query)
         score = scores[relation].item()
         rows.append(Answer(labels[relation], place + 1, score, probability, is_added, known, False))
     rows.sort(key=lambda row: (not row.given, not row.known, -(row.probability or 0.0)))
@@ -140,6 +149,13 @@ def answer_relation(
 
 def _probabilities(curve: Curve | None, scores: np.ndarray) -> list[Any]:
     return [None] * len(scores) if curve is None else curve(scores).tolist()
+
+
+def state_of(facts: int, has_answers: bool) -> str:
+    """Which of ``STATES`` a query is in; ``facts``: number of the facts of its entity."""
+    if not has_answers:
+        return NO_ANSWER
+    return MANY_FACTS if facts >= FEW else FEW_FACTS
 
 
 def fit_curve(opened: LoadedEmbedding, relation: int, slot: int) -> PlattCurve | None:

@@ -68,6 +68,12 @@ class Manifest(Record):
     trained_with: LossName | StoredLoss | None = "logistic"
     #: relations of which an entity has one fact as a head: telling another one moves it
     functional: list[Text] = Field(default_factory=list)
+    #: of answers about trained entities: by the state of a query (``isi.home.answers.state_of``)
+    #: the slope and offset of ``all`` relations and of each one, by id, as ``Curves.stored`` has
+    #: them; None: of an embedding that was not trained here
+    curves: dict[str, dict[str, list[float]]] | None = None
+    #: the same of inserted entities
+    inserted_curves: dict[str, dict[str, list[float]]] | None = None
     made: dict[str, Any]  #: how it was trained, or the files that it was imported from; free form
 
     @property

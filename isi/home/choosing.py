@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -11,12 +12,15 @@ from isi.initializers.api import INITIALIZERS
 from isi.insertion.engine import Method
 from isi.insertion.hidden import HoldOut
 from isi.insertion.probability import fit_curves
-from isi.insertion.selection import named, one_score, select
+from isi.insertion.selection import defaults_of, named, one_score, select
 from isi.models.losses import loss_named
 from isi.models.stack import usual_torch
 
 #: Of the selection: a home gets many entities, one after another.
 HARM = 0.005
+#: Of new entities' part in earlier facts, where fold-in inserts into a home that was trained here:
+#: known triples lose least (docs/command.md).
+SHARE = 3.0
 
 
 @usual_torch()
@@ -33,6 +37,9 @@ def choose(base: LoadedEmbedding, key: Key, selected: Choice | None = None) -> C
         name, *options = json.loads(requested)
         method = named(name, dict(options), base.model, len(base.entities))
         method = replace(method, trained_with=base.manifest.loss or "logistic")
+    elif facts and base.manifest.inserted_curves is not None:
+        why = "the default of a home that was trained here"
+        return Choice("fold_in", fold_in_options(has_words), why, "softmax", (), None)
     elif selected is not None:
         method = _as_selected(base, selected, has_words)
     if method is None:
@@ -47,6 +54,11 @@ def choose(base: LoadedEmbedding, key: Key, selected: Choice | None = None) -> C
         warnings,
         None if draws is None else fit_curves(draws, method),
     )
+
+
+def fold_in_options(has_words: bool) -> dict[str, Any]:
+    """The options of fold-in in a home that was trained here."""
+    return {**defaults_of(INITIALIZERS.get("fold_in"), has_words), "share": SHARE}
 
 
 def _as_selected(base: LoadedEmbedding, selected: Choice, has_words: bool) -> Method | None:

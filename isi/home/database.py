@@ -293,6 +293,10 @@ class Database(Connection):
         """The facts that were added, or that were retracted, in order."""
         return [row.fact for row in self._facts("fact.status = ?", status)]
 
+    def doubtful_facts(self) -> list[StoredFact]:
+        """The facts that hold and are believed less than fully."""
+        return self._facts(f"{HOLDS} AND confidence < 1")
+
     def facts_not_seen_since(self, time: str) -> list[StoredFact]:
         """The facts that hold and were not seen since a time, the oldest first; one that was not
         seen since training counts as seen then.

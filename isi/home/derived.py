@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from isi.errors import InputError
-from isi.home.answers import Curve, fit_curve
+from isi.evaluation.platt import Curves
+from isi.graph.graph import HEAD, TAIL
+from isi.home.answers import Curve, fit_curve, state_of
 from isi.home.bundle import Bundle, Fact
 from isi.home.changes import Change, names_in
 from isi.home.choices import Choices
@@ -19,7 +21,7 @@ from isi.home.database import Database
 from isi.home.facts import StoredFact
 from isi.home.folder import trained
 from isi.home.inserted import InsertedEntity, NewEntity
-from isi.home.loaded import LoadedEmbedding
+from isi.home.loaded import LoadedEmbedding, Query
 from isi.home.phrases import phrase_vectors, with_words
 from isi.names import plain
 from isi.vocabulary import Vocabulary
@@ -197,19 +199,39 @@ class Derived:
             for status in ("added", "retracted")
         )
         triples = np.concatenate([self.known_triples, added])
-        return replace(larger, triples=triples, added=len(added), retracted=retracted)
+        return replace(
+            larger,
+            triples=triples,
+            added=len(added),
+            retracted=retracted,
+            beliefs=larger.beliefs_of(self.database.doubtful_facts()),
+        )
 
     def curve(self, entity: int, relation: int, slot: int) -> Curve | None:
         """What turns scores of answers to a query about an entity into probabilities."""
+        manifest = self.base.manifest
         if entity < len(self.base.entities):
             if relation >= len(self.base.relations):
                 return None
-            if (relation, slot) not in self._known_curves:
-                self._known_curves[relation, slot] = fit_curve(self.base, relation, slot)
-            return self._known_curves[relation, slot]
-        row = self.rows[self.now.entity_names[entity]]
-        choice = self.choices.find(row.key)
-        return None if choice is None or choice.curves is None else choice.curves.of(relation)
+            stored = manifest.curves
+            if stored is None:
+                return self._curve_of_known(relation, slot)
+        else:
+            choice = self.choices.find(self.rows[self.now.entity_names[entity]].key)
+            if choice is not None and choice.curves is not None:
+                return choice.curves.of(relation)
+            stored = manifest.inserted_curves
+            if choice is None or stored is None:
+                return None
+        answers = self.now.answers(Query(entity, relation, slot))
+        number = int((self.now.triples[:, [HEAD, TAIL]] == entity).sum())
+        return Curves.of_stored(stored[state_of(number, bool(answers))]).of(relation)
+
+    def _curve_of_known(self, relation: int, slot: int) -> Curve | None:
+        """The curve of an embedding that was not trained here, from known triples."""
+        if (relation, slot) not in self._known_curves:
+            self._known_curves[relation, slot] = fit_curve(self.base, relation, slot)
+        return self._known_curves[relation, slot]
 
     # -- names -------------------------------------------------------------------------------------
 

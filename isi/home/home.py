@@ -349,14 +349,17 @@ class Home(Questions):
 
         verb = checked(Train, locals())
         tables = tables_of_home(self.facts(), self.now)
-        bundle, summary = train_bundle(
-            tables, learning_rate=verb.learning_rate, dimension=verb.dimension, seed=verb.seed
-        )
-        bundle = with_functional(bundle, verb.functional or self.base.manifest.functional)
         words, file = self.base.manifest.words, verb.vectors
         if file is None and words is not None and Path(words.source).is_file():
             file = words.source
-        self.train_again(with_words(bundle, None if file is None else Path(file).expanduser()))
+        bundle, summary = train_bundle(
+            tables,
+            file,
+            learning_rate=verb.learning_rate,
+            dimension=verb.dimension,
+            seed=verb.seed,
+        )
+        self.train_again(with_functional(bundle, verb.functional or self.base.manifest.functional))
         return summary
 
     def train_again(self, bundle: Bundle) -> None:
@@ -464,11 +467,14 @@ def train(
     if kinds:
         tables = with_kinds_of_call(tables, kinds)
     bundle, summary = train_bundle(
-        tables, learning_rate=verb.learning_rate, dimension=verb.dimension, seed=verb.seed
+        tables,
+        verb.vectors,
+        learning_rate=verb.learning_rate,
+        dimension=verb.dimension,
+        seed=verb.seed,
     )
     _warn(summary)
-    file = None if verb.vectors is None else Path(verb.vectors).expanduser()
-    return Home(with_words(with_functional(bundle, verb.functional), file))
+    return Home(with_functional(bundle, verb.functional))
 
 
 def _warn(summary: TrainingSummary) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, partial, wraps
 from typing import TYPE_CHECKING, Any, Concatenate, NamedTuple, ParamSpec, TypeVar
@@ -12,6 +12,7 @@ import numpy as np
 from isi.config import check
 from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.home.bundle import Bundle, Fact
+from isi.home.facts import StoredFact
 from isi.home.phrases import unit
 from isi.home.scores import SCALARS, TRANSLATIONS, ArrayScores, ModelOptions, ModelScores, Scores
 from isi.vocabulary import Vocabulary, ids_by_name
@@ -59,6 +60,8 @@ class LoadedEmbedding(Bundle):
     scoring: Model | None = None  #: None: the model that the manifest names
     inserted: int = 0  #: number of inserted entities, which have the last rows
     added: int = 0  #: number of facts added after training, which are the last triples
+    #: how far a fact is believed, by its ids; those that are not here: fully
+    beliefs: Mapping[tuple[int, ...], float] = field(default_factory=dict)
     #: facts that no longer hold, and are no answers; ids, shape: (K, 3)
     retracted: np.ndarray = field(default_factory=partial(np.zeros, (0, 3), np.int64))
 
@@ -91,6 +94,11 @@ class LoadedEmbedding(Bundle):
         """The known answers of a query."""
         return answers_in(self.of_relation(query.relation), query)
 
+    def belief(self, query: Query, answer: int) -> float:
+        """How far the fact of a known answer is believed."""
+        ends = (query.given, answer) if query.slot == TAIL else (answer, query.given)
+        return self.beliefs.get((ends[0], query.relation, ends[1]), 1.0)
+
     @remembered
     def of_relation(self, relation: int) -> np.ndarray:
         """The known triples of a relation, (T, 3)."""
@@ -105,6 +113,12 @@ class LoadedEmbedding(Bundle):
         """Whether entities and relation of a fact are rows."""
         head, relation, tail = fact
         return relation in self.labels.ids and head in self.names.ids and tail in self.names.ids
+
+    def beliefs_of(self, facts: Iterable[StoredFact]) -> dict[tuple[int, ...], float]:
+        """``beliefs`` of facts; without those whose names have no row."""
+        rows = {row.fact: row.confidence or 1.0 for row in facts if self.has_names_of(row.fact)}
+        ids = self.ids_of(rows).tolist()
+        return {tuple(fact): belief for fact, belief in zip(ids, rows.values(), strict=True)}
 
     def keys_of(self, triples: np.ndarray) -> np.ndarray:
         """A number for each triple of ids, (T, 3); equal triples have equal numbers."""

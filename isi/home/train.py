@@ -29,9 +29,10 @@ from isi.graph.graph import (
 )
 from isi.graph.sessions import TEST
 from isi.home.bundle import Bundle, Manifest
+from isi.home.calibration import calibrated
 from isi.home.facts import StoredFact
 from isi.home.loaded import LoadedEmbedding
-from isi.home.phrases import OF_MODEL, by_model, has_model
+from isi.home.phrases import OF_MODEL, by_model, has_model, with_words
 from isi.insertion.arguments import (
     TripleForms,
     column_names,
@@ -197,6 +198,7 @@ def tables_of_home(rows: Sequence[StoredFact], now: LoadedEmbedding) -> GraphTab
 @usual_torch()
 def train_bundle(
     tables: GraphTables,
+    vectors: str | Path | None = None,
     *,
     learning_rate: float | None = None,
     dimension: int = 100,
@@ -207,6 +209,7 @@ def train_bundle(
 
     Args:
         tables: the graph (``build_tables``, ``read_graph``, ``tables_of``).
+        vectors: a word2vec or GloVe file, for the word vectors of names.
         learning_rate: of Adagrad; None: the better one of ``RATES`` for validation triples.
         dimension: d, the length of an entity's vector; even.
         seed: root seed of splits, initial vectors, batches and negatives.
@@ -243,7 +246,11 @@ def train_bundle(
         repeated=[[graph.relations[relation] for relation in together] for together in repeated],
         **held_out_measures(graph, groups, splits, of_train),
     )
-    return bundle_of(tables, graph, of_all, {"seed": seed, **asdict(summary)}), summary
+    made = {"seed": seed, **asdict(summary)}
+    file = None if vectors is None else Path(vectors).expanduser()
+    bundle = with_words(bundle_of(tables, graph, of_all, made), file)
+    tested = splits != TEST, of_train
+    return calibrated(bundle, graph, groups, tested, rate, seed), summary
 
 
 def bundle_of(

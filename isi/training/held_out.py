@@ -101,6 +101,40 @@ def split_groups(
     return splits
 
 
+def with_few_facts(
+    graph: Graph,
+    groups: np.ndarray,
+    entities: np.ndarray,
+    facts: np.ndarray,
+    rng: np.random.Generator,
+) -> np.ndarray:
+    """A mask of triples, (T,), in which each of some entities, ids (N,), has about so many
+    ``facts``, (N,), and every other name at least one.
+
+    An entity loses one relation after the other, at random, so that what is left is of few.
+    Triples of a group, (T,), stay together.
+    """
+    stays, ends = np.ones(len(groups), dtype=bool), graph.triples[:, [HEAD, TAIL]].numpy()
+    relation = graph.triples[:, RELATION].numpy()
+    left, left_of_relation = np.bincount(ends.ravel()), np.bincount(relation)
+    least = np.ones(len(left), dtype=np.int64)
+    least[entities] = facts
+    loses = np.isin(ends, entities)
+    touching = rng.permutation(np.flatnonzero(loses.any(1)))
+    entity = np.where(loses[:, 0], ends[:, 0], ends[:, 1])[touching]
+    turn = rng.random((len(left), len(left_of_relation)))[entity, relation[touching]]
+    in_turn = groups[touching[np.argsort(turn)]]
+    for group in dict.fromkeys(in_turn.tolist()):
+        triples = touching[groups[touching] == group]
+        fewer = left - np.bincount(ends[triples].ravel(), minlength=len(left))
+        fewer_of_relation = left_of_relation - np.bincount(
+            relation[triples], minlength=len(left_of_relation)
+        )
+        if (fewer[ends[triples]] >= least[ends[triples]]).all() and fewer_of_relation.all():
+            stays[triples], left, left_of_relation = False, fewer, fewer_of_relation
+    return stays
+
+
 def held_out_measures(
     graph: Graph, groups: np.ndarray, splits: np.ndarray, theta: Embedding
 ) -> dict[str, Any]:
