@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from isi.errors import InputError
 from isi.home.loaded import LoadedEmbedding
-from isi.home.scores import SCALARS, TRANSLATIONS, ArrayScores, ModelScores
 from isi.insertion.arguments import checked_model
+from isi.models.arrays import SCALARS, TRANSLATIONS, ArrayScores, ModelScores
 from tests.small_bundle import opened, small
 
 MARGINS = {"transe": 2.0, "transe_l1": 8.0, "rotate": 4.0}

@@ -14,7 +14,7 @@ from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.home.bundle import Bundle, Fact
 from isi.home.facts import StoredFact
 from isi.home.phrases import unit
-from isi.home.scores import SCALARS, TRANSLATIONS, ArrayScores, ModelOptions, ModelScores, Scores
+from isi.models.arrays import SCALARS, TRANSLATIONS, ArrayScores, ModelOptions, ModelScores, Scores
 from isi.vocabulary import Vocabulary, ids_by_name
 
 if TYPE_CHECKING:  # PyTorch takes a second to import
