@@ -81,7 +81,7 @@ def run(
 
 def test_a_table_is_trained_on_and_saved_with_a_new_object(run: Run) -> None:
     _, printed = run("train_csv.py")
-    assert "Answer(entity='turn on', rank=1" in printed
+    assert "Answer(entity='turn on'" in printed
     saved = isi.open("home")
     assert list(saved.inserted) == ["espresso machine"]
     assert ("espresso machine", "atLocation", "counter top") not in saved.now.named_triples()

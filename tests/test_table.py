@@ -40,7 +40,7 @@ def test_a_long_table_is_read_chunk_by_chunk(
     [
         ({"tail": ["c"]}, ["columns", "'head', 'tail'"]),
         ({"relation": ["b"], "tail": ["c"], "count": [2.5]}, ["row 1", "count", "2.5"]),
-        ({"relation": ["b"], "tail": [["c"]]}, ["Parquet table"]),
+        ({"relation": ["b"], "tail": [["c"]]}, ["Parquet"]),
         ({"relation": ["b"], "tail": [None]}, ["row 1", "got none"]),
         ({"relation": ["b"], "tail": pa.array([None], pa.string())}, ["row 1", "got none"]),
         (
