@@ -8,7 +8,7 @@ import pytest
 
 from tests.small_bundle import home_of
 
-SLOW = {"torch", "pandas", "scipy", "networkx", "numba", "pyarrow", "jinja2"}
+SLOW = {"torch", "safetensors.torch", "pandas", "scipy", "networkx", "numba", "pyarrow", "jinja2"}
 
 
 def loaded(code: str) -> set[str]:
@@ -41,9 +41,9 @@ def test_a_module_imports_nothing_slow_that_it_does_not_need(module: str, absent
 
 @pytest.fixture(scope="module")
 def small_home(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The home of the small bundle, of which a fact is told again."""
+    """The home of the small bundle, with an inserted entity."""
     home = home_of(tmp_path_factory.mktemp("small") / "home")
-    command("tell", "kettle", "atLocation", "kitchen", home=home)
+    command("tell", "stove", "atLocation", "kitchen", "--initializer", "mean", home=home)
     return home
 
 
@@ -57,6 +57,7 @@ def command(*line: str, home: Path) -> set[str]:
     "line",
     [
         ("ask", "kettle", "atLocation"),
+        ("ask", "stove", "hasAffordance"),
         ("ask", "kettle", "--tail", "kitchen", "--new", "--json"),
         ("history",),
         ("stale", "30d"),
@@ -75,5 +76,5 @@ def test_what_computes_no_vector_needs_numpy_and_sqlite_alone(
 
 
 def test_a_new_entity_needs_pytorch(small_home: Path) -> None:
-    new = ("tell", "stove", "atLocation", "kitchen", "--dry-run", "--initializer", "mean")
+    new = ("tell", "oven", "atLocation", "kitchen", "--dry-run", "--initializer", "mean")
     assert "torch" in command(*new, home=small_home)

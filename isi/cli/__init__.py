@@ -101,7 +101,9 @@ def main(argv: Sequence[str] | None = None) -> None:
     """Run a command. An error prints one line;
     the exit status is 2 if the command line cannot be parsed, else 1.
     """
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # threads of NumPy take 0.1 s to start
+    # what takes 0.1 s to start: threads of NumPy, and a search for plug-ins of pydantic
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     with errors_in_one_line("isi"):
         tokens = with_paths(sys.argv[1:] if argv is None else argv)
         app = App(

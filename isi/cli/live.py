@@ -21,6 +21,7 @@ def live(
     """Answer requests until the input ends, or until SIGTERM or Ctrl-C."""
     import torch
 
+    import isi.home.groups  # noqa: F401  # no insertion waits until it is loaded
     from isi.home.home import open_home
     from isi.home.stream import answer_input, prepared_beside, serve
 

@@ -92,6 +92,8 @@ class Derived:
         """
         changed = [*change.added, *change.lost]
         state = self.following()
+        if not (changed or change.inserted or change.removed or change.relations):
+            vars(state).update({name: vars(self)[name] for name in OF_ROWS if name in vars(self)})
         inserted = set(self.database.inserted())
         touched = {*change.inserted, *names_in([*changed, *change.believed])}
         names = inserted if change.training else touched & inserted

@@ -16,7 +16,7 @@ from isi.home.bundle import Fact
 from isi.home.choices import Choices, prepared
 from isi.home.inserted import Choice, InsertedEntity, Key, NewEntity, requested
 from isi.home.loaded import LoadedEmbedding
-from isi.home.phrases import NO_WORDS, PhraseVector, PhraseVectors
+from isi.home.phrases import NO_WORDS, PhraseVectors
 from isi.initializers.api import FALLBACKS, InitResult
 from isi.initializers.scale import Scale, fit_scale
 from isi.insertion.api import run_engine
@@ -46,7 +46,9 @@ class EntityGroups:
         each is believed.
         """
         new = NewEntity(**about, facts=facts)
-        words, kind, reason = self.words(name, new.definition), new.kind or "", ""
+        words, kind, reason = NO_WORDS, new.kind or "", ""
+        if self.phrases is not None:
+            words = self.phrases.vector(plain(name), new.definition)
         if not kind:
             alike = None
             if self.phrases is not None and words.vector is not None:
@@ -55,12 +57,6 @@ class EntityGroups:
         no_words = f"{name} has no words: {words.note}" if words.vector is None else ""
         notes = filter(None, [reason, no_words, *self.base.kind_notes(facts, name)])
         return replace(new, kind=kind, words=words, notes=tuple(notes))
-
-    def words(self, name: str, definition: str | None) -> PhraseVector:
-        """The word vector of a new entity, from its definition or its name."""
-        if self.phrases is None:
-            return NO_WORDS
-        return self.phrases.vector(plain(name), definition)
 
     def insert(
         self, members: Mapping[str, NewEntity], known_triples: np.ndarray

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal, Protocol
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -24,19 +24,6 @@ DISTANCES = (*TRANSLATIONS, "rotate")
 #: Multiple of which the dimension is, where it is not any.
 MULTIPLES = {"analogy": 4, "complex": 2, "rotate": 2}
 NEAREST = 1e-6  #: Smallest squared distance, as in ``isi.models.scoring``.
-
-
-class Scores(Protocol):
-    """Scores of an embedding's triples."""
-
-    def tails(self, heads: np.ndarray, relation: int) -> np.ndarray:
-        """Of all entities as tails of heads, ids (Q,), and a relation; shape (Q, E), float32."""
-
-    def heads(self, tails: np.ndarray, relation: int) -> np.ndarray:
-        """Of all entities as heads; shape (Q, E), float32."""
-
-    def relations(self, head: int, tail: int) -> np.ndarray:
-        """Of all relations between two entities; shape (R,), float32."""
 
 
 class ModelOptions(Section):
@@ -77,14 +64,17 @@ class ArrayScores:
             raise InputError("model_options", "margin", f"expected one of a distance: {self.model}")
 
     def tails(self, heads: np.ndarray, relation: int) -> np.ndarray:
+        """Of all entities as tails of heads, ids (Q,), and a relation; shape (Q, E), float32."""
         mapped = self._mapped(self.entity[heads], self.relation[relation], 1)
         return self._compared(mapped, self.entity, self._squares)
 
     def heads(self, tails: np.ndarray, relation: int) -> np.ndarray:
+        """Of all entities as heads; shape (Q, E), float32."""
         mapped = self._mapped(self.entity[tails], self.relation[relation], -1)
         return self._compared(mapped, self.entity, self._squares)
 
     def relations(self, head: int, tail: int) -> np.ndarray:
+        """Of all relations between two entities; shape (R,), float32."""
         mapped, end = self._mapped(self.entity[head], self.relation, 1), self.entity[[tail]]
         scores: np.ndarray = self._compared(mapped, end, _squares(end))[:, 0]
         return np.asarray(scores)
@@ -131,7 +121,7 @@ class ArrayScores:
 
 @dataclass(frozen=True, eq=False)
 class ModelScores:
-    """Scores by any ``isi.models.model.Model``, with PyTorch."""
+    """As ``ArrayScores``, by any ``isi.models.model.Model``, with PyTorch."""
 
     embedding: Embedding  #: of one model
 
@@ -154,6 +144,9 @@ class ModelScores:
             tensors = [torch.from_numpy(column)[None] for column in ids]
             scores = getattr(self.embedding, method)(*tensors)[0].detach()
         return np.asarray(scores)
+
+
+Scores = ArrayScores | ModelScores
 
 
 def _squares(vectors: np.ndarray) -> np.ndarray:
