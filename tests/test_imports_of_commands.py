@@ -64,8 +64,6 @@ def command(*line: str, home: Path) -> set[str]:
         ("facts",),
         ("nearest", "kettle"),
         ("tell", "kettle", "atLocation", "bedroom", "--dry-run"),
-        ("move", "kettle", "atLocation", "bedroom", "--dry-run"),
-        ("remove", "--fact", "kettle", "atLocation", "kitchen", "--dry-run"),
         ("undo", "--dry-run"),
     ],
 )
