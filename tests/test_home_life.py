@@ -20,7 +20,7 @@ from isi.home.choices import Choices
 from isi.home.groups import EntityGroups
 from isi.home.home import Home
 from isi.home.phrases import with_words
-from tests.small_bundle import files, home_of, small, worded
+from tests.small_bundle import files, home_of, small, word_file, worded
 from tests.small_home import KNOWN, TRAINED, assert_same, facts_of, seen
 
 pytestmark = pytest.mark.usefixtures("quick")
@@ -185,6 +185,12 @@ def test_word_vectors_of_a_file_are_found_from_any_folder_or_are_said_to_be_miss
         home.tell(entities="stove")
         assert "words.txt" in home.explain("stove").words
         vector = home.inserted["stove"].vector
+    for row in ([0.0, 0.6, 0.8], [0.6, 0.8]):  # other vectors; of another width
+        word_file(tmp_path / source, {"stove": row, "oven": row})
+        with isi.open(folder) as home:
+            effect = home.tell({"oven": {"atLocation": "kitchen"}}, initializer="mean")
+            assert any("words.txt is not the file" in note for note in effect.notes)
+            home.undo()
     Path(tmp_path / source).unlink()
     with isi.open(folder) as home:
         np.testing.assert_array_equal(home.inserted["stove"].vector, vector)
