@@ -2,11 +2,11 @@
 which is comparable between queries.
 
 The probability estimates the share of known answers among answers of equal score (Platt 1999): a
-logistic curve of the score. For a known entity, there is a curve for each relation and slot, fitted
-to the candidate answers to queries about the entities (or a sample of them) in known triples of the
-relation. For an inserted entity, the curves are fitted to hidden known entities that were inserted
-in the same way (``isi.insertion.probability``). In both cases a true but unknown answer counts as
-wrong, and vectors trained together with the answers flatter them.
+logistic curve of the score. For a known entity of a home that was trained here, the curves are
+fitted to answers that a model has not seen (``isi.home.calibration``); of an imported one, to known
+triples, which flatters them. For an inserted entity, they are fitted to hidden known entities that
+were inserted in the same way (``isi.insertion.probability``). A true but unknown answer counts as
+wrong.
 """
 
 from __future__ import annotations
