@@ -192,11 +192,10 @@ def test_a_page_runs_as_it_stands(
         assert scope["with_relation"].entity_names[-1] == "lamp"
     elif name == "live":
         assert scope["answers"].answers[0].given
-        (told,) = scope["told"]
-        assert told.fact == ("espresso machine", "atLocation", "kitchen")
-        assert "espresso machine" in scope["again"].base.entity_names
+        (known,) = scope["known"]
+        assert known.fact == ("espresso machine", "atLocation", "kitchen")
         read, _ = read_graph([Path("facts.csv")])
-        assert len(read.triples) == len(scope["facts"]) == len(scope["again"].base.triples)
+        assert len(read.triples) == len(scope["facts"]) == scope["summary"].triples
     elif name == "command":
         assert Path("home").is_dir()
     elif name == "PyKEEN":
