@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import torch
 
 from isi.evaluation.platt import Curves, PlattCurve, fit_platt
-from isi.graph.graph import HEAD, TAIL, Graph
+from isi.graph.graph import HEAD, TAIL
+from isi.graph.sessions import TEST
 from isi.home.answers import FEW, MANY_FACTS, STATES, state_of
 from isi.home.bundle import Bundle
 from isi.home.choosing import fold_in_options
@@ -26,7 +26,7 @@ from isi.insertion.request import InsertRequest, KnownEmbedding
 from isi.models.stack import Embedding
 from isi.random import stream
 from isi.training.held_out import with_few_facts
-from isi.training.recipe import train_on
+from isi.training.recipe import Trained
 
 NUMBERS = (1, 2, 3, 5)  #: Numbers of facts that entities have left.
 #: Entities that lose facts: so many in all, of which a model loses at most a tenth of its entities;
@@ -126,35 +126,23 @@ def _samples(
                 yield Sample(state, relation, scores[is_open], is_right)
 
 
-def calibrated(
-    bundle: Bundle,
-    graph: Graph,
-    groups: np.ndarray,
-    tested: tuple[np.ndarray, Embedding],
-    rate: float,
-    seed: int,
-) -> Bundle:
-    """A bundle that was trained on a graph, with curves; without, if the graph has too few triples.
-
-    ``groups``: see ``isi.training.held_out``; ``tested``: a mask of triples, (T,), and the
-    embedding that was trained on these.
-    """
-    whole, rng = LoadedEmbedding(**vars(bundle)), stream(seed, "entities that lose facts")
-    dimension, number = whole.entities.shape[1], _numbers(whole)
-    trained, inserted = list[Sample](), list[Sample]()
+def calibrated(bundle: Bundle, trained: Trained) -> Bundle:
+    """A bundle of what was trained, with curves; without, if the graph has too few triples."""
+    whole, rng = LoadedEmbedding(**vars(bundle)), stream(trained.seed, "entities that lose facts")
+    number = _numbers(whole)
+    of_trained, of_inserted = list[Sample](), list[Sample]()
     for entities in losing(number, rng):
         facts = np.resize(NUMBERS, len(entities))
-        known = with_few_facts(graph, groups, entities, facts, rng)
-        theta = train_on(graph, torch.from_numpy(known), rate, dimension, seed)
-        hidden = Hidden(whole, known, theta)
+        known = with_few_facts(trained.graph, trained.groups, entities, facts, rng)
+        hidden = Hidden(whole, known, trained.on(known))
         of_few = hidden.samples(entities.tolist())
-        trained += (sample for sample in of_few if sample.state != MANY_FACTS)
-        inserted += hidden.samples_inserted(entities)
+        of_trained += (sample for sample in of_few if sample.state != MANY_FACTS)
+        of_inserted += hidden.samples_inserted(entities)
     most = max(1, MOST_SCORES // len(number))
     well_known = rng.permutation(np.flatnonzero(number >= FEW))[:most]
-    of_test = Hidden(whole, *tested).samples(well_known.tolist())
-    trained += (sample for sample in of_test if sample.state == MANY_FACTS)
-    curves = {"curves": fitted(trained), "inserted_curves": fitted(inserted)}
+    of_test = Hidden(whole, trained.splits != TEST, trained.tested).samples(well_known.tolist())
+    of_trained += (sample for sample in of_test if sample.state == MANY_FACTS)
+    curves = {"curves": fitted(of_trained), "inserted_curves": fitted(of_inserted)}
     return replace(bundle, manifest=bundle.manifest.model_copy(update=curves))
 
 

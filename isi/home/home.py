@@ -39,8 +39,8 @@ from isi.home.undo import forget, last_change_of, put_back
 from isi.home.verbs import Forget, Move, Remove, Tell, Train, Undo, Verb, checked
 
 if TYPE_CHECKING:  # what trains needs PyTorch
-    from isi.home.train import TrainingSummary
     from isi.insertion.arguments import TripleForms
+    from isi.training.recipe import TrainingSummary
 
 
 @contextmanager

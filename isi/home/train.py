@@ -8,26 +8,23 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
-import torch
 
 from isi.columns import COUNT, TRIPLE
 from isi.config import Count, Positive, Seed, check
 from isi.errors import InputError, at
 from isi.graph.files import read_graph
 from isi.graph.graph import (
-    Graph,
     GraphTables,
     MinedSource,
     build_graph,
     build_tables,
 )
-from isi.graph.sessions import TEST
 from isi.home.bundle import Bundle, Manifest
 from isi.home.calibration import calibrated
 from isi.home.facts import StoredFact
@@ -41,66 +38,13 @@ from isi.insertion.arguments import (
     of_arrow,
     options_by_name,
 )
-from isi.models.stack import Embedding, NotFinite, usual_torch
+from isi.models.stack import usual_torch
 from isi.sources.names import ENTITY, Label, Naming
 from isi.sources.readers import check_names, cleaned
 from isi.sources.triples import naming
 from isi.tables.rules import MOST_OBSERVED
-from isi.training.held_out import groups_of, held_out, held_out_measures, repeated_relations
-from isi.training.recipe import (
-    MODEL,
-    MODEL_NAME,
-    better_rate,
-    epochs_for,
-    recipe_for,
-    train_on,
-)
+from isi.training.recipe import MODEL_NAME, Trained, TrainingSummary, train_graph
 from isi.vocabulary import Vocabulary, by_known_name, note_of_kinds
-
-
-@dataclass(frozen=True)
-class TrainingSummary:
-    """How a bundle was trained, and filtered MRRs of test triples, which the same recipe was not
-    trained on.
-
-    The bundle itself is trained on all triples. MRRs are None if no triple can leave training.
-    """
-
-    entities: int
-    relations: int
-    triples: int
-    observations: int
-    dimension: int
-    learning_rate: float
-    epochs: int
-    batch_size: int
-    repeated: list[list[str]]  #: relations that repeat each other; one alone is symmetric
-    test_triples: int  #: head and tail of each are queried
-    mrr: float | None
-    #: of candidates ranked by their number of training triples in the slot of the relation
-    frequency: float | None
-    chance: float | None  #: expectation of random ranks
-    warning: str | None  #: a sentence
-
-    def __str__(self) -> str:
-        text = (
-            f"{self.triples:,} triples ({self.observations:,} observations) of {self.entities:,}"
-            f" entities and {self.relations:,} relations; learning rate {self.learning_rate:g},"
-            f" {self.epochs} epochs in batches of {self.batch_size:,}."
-        )
-        if self.repeated:
-            named = ", ".join(" and ".join(map(repr, names)) for names in self.repeated)
-            text += (
-                f"\nTriples of symmetric, inverse or equal relations ({named}) are "
-                "split together with those that they repeat."
-            )
-        if self.mrr is not None:
-            text += (
-                f"\nMRR of {self.test_triples:,} test triples: {self.mrr:.3f}; of answers by "
-                f"frequency {self.frequency:.3f}, at random {self.chance:.3f}. In the end, all "
-                "triples were trained on."
-            )
-        return text + f"\nWarning: {self.warning}." * bool(self.warning)
 
 
 def tables_of(triples: TripleForms) -> GraphTables:
@@ -220,43 +164,16 @@ def train_bundle(
     learning_rate = check(learning_rate, Positive | None, "", "argument 'learning_rate'")  # type: ignore[arg-type]
     seed = check(seed, Seed, "", "argument 'seed'")
     dimension = check(dimension, Count, "", "argument 'dimension'")
-    with at("argument 'dimension'"):
-        MODEL.width(dimension)
-    graph = build_graph(tables.entities, tables.triples)
-    repeated = repeated_relations(graph)
-    groups = groups_of(graph, repeated)
-    splits = held_out(graph, groups, seed)
-    rate = learning_rate or better_rate(graph, splits, dimension, seed)
-    every = torch.ones(len(graph.triples), dtype=torch.bool)
-    try:
-        of_train = train_on(graph, torch.from_numpy(splits != TEST), rate, dimension, seed)
-        of_all = train_on(graph, every, rate, dimension, seed)
-    except NotFinite as error:
-        lower = f"{error.message}: lower the learning rate"
-        raise InputError("argument 'learning_rate'", "", lower) from error
-    summary = TrainingSummary(
-        entities=len(graph.entities),
-        relations=len(graph.relations),
-        triples=len(graph.triples),
-        observations=int(graph.counts.sum()),
-        dimension=dimension,
-        learning_rate=rate,
-        epochs=epochs_for(graph),
-        batch_size=recipe_for(graph, rate).batch_size,
-        repeated=[[graph.relations[relation] for relation in together] for together in repeated],
-        **held_out_measures(graph, groups, splits, of_train),
+    trained = train_graph(
+        build_graph(tables.entities, tables.triples), learning_rate, dimension, seed
     )
-    made = {"seed": seed, **asdict(summary)}
     file = None if vectors is None else Path(vectors).expanduser()
-    bundle = with_words(bundle_of(tables, graph, of_all, made), file)
-    tested = splits != TEST, of_train
-    return calibrated(bundle, graph, groups, tested, rate, seed), summary
+    return calibrated(with_words(bundle_of(tables, trained), file), trained), trained.summary
 
 
-def bundle_of(
-    tables: GraphTables, graph: Graph, trained: Embedding, made: dict[str, Any]
-) -> Bundle:
-    """The bundle of one model that all triples of a graph have trained."""
+def bundle_of(tables: GraphTables, trained: Trained) -> Bundle:
+    """The bundle of a graph's embedding."""
+    graph, theta = trained.graph, trained.theta
     kinds = ["" if kind == ENTITY else kind for kind in tables.entities["kind"].astype(str)]
     phrases = list(tables.entities["phrase"].astype(str))
     # without the sentence model, a home takes the words of its vocabulary
@@ -264,12 +181,16 @@ def bundle_of(
     if has_model():
         words, source = np.stack(list(map(by_model, phrases))), OF_MODEL
     manifest = Manifest(
-        model_name=MODEL_NAME, model_options={}, words=source, trained_with="softmax", made=made
+        model_name=MODEL_NAME,
+        model_options={},
+        words=source,
+        trained_with="softmax",
+        made={"seed": trained.seed, **asdict(trained.summary)},
     )
     return Bundle(
         manifest,
-        trained.entity[0].numpy(),
-        trained.relation[0].numpy(),
+        theta.entity[0].numpy(),
+        theta.relation[0].numpy(),
         graph.entities,
         kinds,
         phrases,
