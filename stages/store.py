@@ -17,7 +17,7 @@ from isi.graph.graph import Graph, build_graph
 from isi.graph.sessions import OUT
 from isi.models.model import Model, make_model
 from isi.models.stack import Embedding
-from isi.tables.rules import FROM_0, FROM_1, SHARE, ColumnType, null_without, one_of
+from isi.tables.rules import FROM_0, FROM_1, SHARE, ColumnType, null_without, one_of, refuse
 from isi.tables.table import DataFile, Table, TensorFile
 from stages.files import (
     ENTITIES,
@@ -92,6 +92,7 @@ MEASURE_CHANGES = Table(
     key=["size", "seed", "epoch", "change", "scope"],
     ordered=True,
 )
+_ROWS = "expected a row of each entity"
 
 
 def model_of(params: StageParams, name: str | None = None) -> Model:
@@ -128,7 +129,34 @@ class Store:
         if self.vectors is not None:
             return self.vectors
         (vectors,) = self._arrays(WORD_VECTORS, "vectors")
+        if len(vectors) != len(self.entities()):
+            raise InputError(self._path(WORD_VECTORS), "tensor 'vectors'", _ROWS)
         return vectors
+
+    def check_sessions(self) -> None:
+        """InputError for the first row of sessions that names a triple, an entity or a seed that
+        another table lacks: an edited table may be committed to DVC.
+        """
+        splits, novel, facts = (self.table(each) for each in (SPLITS, NOVEL, INSERT_TRIPLES))
+        entities, triples = len(self.entities()), len(self.table(TRIPLES))
+        key = ["size", "seed", "entity"]
+        of_set = novel.groupby(["size", "seed"])["entity"].transform("size")
+        is_novel = pd.MultiIndex.from_frame(facts[key]).isin(pd.MultiIndex.from_frame(novel[key]))
+        known_seed = novel["seed"].isin(splits["seed"])
+        for table, wrong, columns, expected in (
+            (SPLITS, splits["triple"] >= triples, ["triple"], "a row number of triples"),
+            (NOVEL, novel["entity"] >= entities, ["entity"], "a row number of entities"),
+            (NOVEL, ~known_seed, ["seed"], "a seed of splits"),
+            (NOVEL, of_set != novel["size"], key, "as many entities in a set as its size"),
+            (
+                INSERT_TRIPLES,
+                facts["triple"] >= triples,
+                ["triple"],
+                "a row number of triples",
+            ),
+            (INSERT_TRIPLES, ~is_novel, key, "an entity of this set in novel"),
+        ):
+            refuse(self._path(table), self.table(table), wrong, columns, f"expected {expected}")
 
     def splits(self) -> dict[int, np.ndarray]:
         """The split of each unique triple by seed, ``OUT`` for none; shapes: (T,), int8."""
@@ -152,9 +180,8 @@ class Store:
         """Grid points of ``size`` and the first ``seeds`` (None: all),
         in stacks of at most ``stack`` seeds each.
         """
-        graph = self.graph()
-        splits = self.splits()
-        novel = self.table(NOVEL)
+        self.check_sessions()
+        graph, splits, novel = self.graph(), self.splits(), self.table(NOVEL)
         chosen = novel if size is None else novel[novel["size"] == size]
         chosen = chosen if seeds is None else chosen[chosen["seed"] < seeds]
         if chosen.empty:
@@ -185,9 +212,7 @@ class Store:
 
     def theta0(self, points: GridPoints, model: Model) -> Embedding:
         """Θ⁰ of a stack of grid points."""
-        entity, relation, seed = self._arrays(
-            THETA0, "entity", "relation", "seed", size=points.size
-        )
+        entity, relation, seed = self._embeddings(THETA0, points.seeds, size=points.size)
         chosen = np.isin(seed, points.seeds)
         tables = torch.from_numpy(entity[chosen]), torch.from_numpy(relation[chosen])
         return Embedding(*tables, model)
@@ -196,7 +221,8 @@ class Store:
         """The joint models of a stack of grid points: one of each seed, or, where all seeds share
         a few, each of these for all.
         """
-        entity, relation, seed = self._arrays(JOINT, "entity", "relation", "seed")
+        seeds = [] if self.shares_split else points.seeds
+        entity, relation, seed = self._embeddings(JOINT, seeds)
         if self.shares_split:
             places = [np.full(len(points.seeds), place) for place in range(len(seed))]
         else:
@@ -216,7 +242,25 @@ class Store:
         """The vectors that an initializer gave at a stack of grid points; shape (M, size, d)."""
         name = f"size={points.size:02d}"
         (vectors,) = self._arrays(INITIAL_VECTORS, name, initializer=initializer)
+        if vectors.shape[:2] != (len(self._seeds), points.size):
+            path = self._path(INITIAL_VECTORS, initializer=initializer)
+            expected = "expected a vector of each novel entity of each seed"
+            raise InputError(path, f"tensor {name!r}", expected)
         return vectors[np.isin(self._seeds, points.seeds)]
+
+    def _embeddings(
+        self, file: TensorFile, seeds: list[int], **names: str | int
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Tables of vectors with their seeds; an ``InputError`` where a seed or an entity lacks
+        one.
+        """
+        entity, relation, seed = self._arrays(file, "entity", "relation", "seed", **names)
+        path = self._path(file, **names)
+        if missing := set(seeds) - set(seed.tolist()):
+            raise InputError(path, "tensor 'seed'", f"expected seed {min(missing)}")
+        if entity.shape[1] != len(self.entities()):
+            raise InputError(path, "tensor 'entity'", _ROWS)
+        return entity, relation, seed
 
     def _path(self, file: DataFile, **names: str | int) -> Path:
         return file.path(experiment=self.experiment, **names)

@@ -8,8 +8,17 @@ import torch
 import yaml
 
 from isi.tables.table import Table, as_text
-from stages.files import ENTITIES, KINDS, NOVEL, OBSERVATIONS, SPLITS, TRIPLES, WORD_VECTORS
-from stages.store import RUNS, THETA0
+from stages.files import (
+    ENTITIES,
+    INSERT_TRIPLES,
+    KINDS,
+    NOVEL,
+    OBSERVATIONS,
+    SPLITS,
+    TRIPLES,
+    WORD_VECTORS,
+)
+from stages.store import INITIAL_VECTORS, JOINT, RUNS, THETA0
 from tests.example_tables import Change
 from tests.stage_run import NAME
 
@@ -66,11 +75,40 @@ CASES: list[tuple[str, Table, Change, str]] = [
     ("a triple doubled", TRIPLES, doubled, "only one row with the same head"),
     ("both train and test", SPLITS, as_test_and_train, "row 1 .*each once"),
     ("size 0", NOVEL, lambda f: f.assign(size=0), "'size' of at least 1"),
+    ("a split of no triple", SPLITS, put("triple", 10**6, -1), "row number of triples"),
+    ("a novel entity of no row", NOVEL, put("entity", 10**6, -1), "a row number of entities"),
+    ("a novel set of no seed", NOVEL, put("seed", 10**6, -1), "a seed of splits"),
+    ("a novel set with one too few", NOVEL, lambda f: f[:-1], "as many entities .* as its size"),
+    (
+        "an insert triple of no row",
+        INSERT_TRIPLES,
+        put("triple", 10**6, -1),
+        "a row number of triples",
+    ),
+    ("an insert triple of none", INSERT_TRIPLES, put("entity", 10**6, -1), "an entity of this set"),
     ("no model of a seed", RUNS, lambda f: f[f["seed"] > 0], "a row of each seed"),
 ]
 
 
 VECTORS, WORDS = THETA0.path(experiment=NAME, size=2), WORD_VECTORS.path(experiment=NAME)
+OF_JOINT = JOINT.path(experiment=NAME)
+INSERTED = INITIAL_VECTORS.path(experiment=NAME, initializer="rs")
+
+
+def without_the_last(*names: str) -> ChangeTensors:
+    """A change: these tensors (no name: all) without their last place."""
+
+    def cut(tensors: Tensors) -> None:
+        for name in names or list(tensors):
+            tensors[name] = tensors[name][:-1].clone()
+
+    return cut
+
+
+def without_an_entity(tensors: Tensors) -> None:
+    tensors["entity"] = tensors["entity"][:, :-1].clone()
+
+
 TENSOR_CASES: list[tuple[str, Path, ChangeTensors, str]] = [
     (
         "not a number",
@@ -84,4 +122,9 @@ TENSOR_CASES: list[tuple[str, Path, ChangeTensors, str]] = [
         lambda t: t["vectors"][0, 3].fill_(torch.inf),
         "expected finite numbers",
     ),
+    ("vectors of a seed too few", VECTORS, without_the_last(), "expected seed"),
+    ("an entity too few", VECTORS, without_an_entity, "a row of each entity"),
+    ("a joint model of an entity too few", OF_JOINT, without_an_entity, "a row of each entity"),
+    ("a word vector too few", WORDS, without_the_last(), "a row of each entity"),
+    ("an inserted set too few", INSERTED, without_the_last(), "a vector of each novel entity"),
 ]
