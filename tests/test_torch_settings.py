@@ -108,11 +108,11 @@ def as_bytes(values: list[Any]) -> list[bytes | str]:
     return [each.tobytes() if isinstance(each, arrays) else str(each) for each in values]
 
 
+COMPUTATIONS = [insertion, training_of_new_rows, home, benchmark, checks, of_pykeen]
+
+
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize(
-    "compute",
-    [insertion, training_of_new_rows, home, benchmark, checks, of_pykeen],
-)
+@pytest.mark.parametrize("compute", COMPUTATIONS)
 def test_the_callers_settings_change_no_result_and_stay(compute: Callable[[], list[Any]]) -> None:
     expected = as_bytes(compute())
     for name, setting in settings().items():
@@ -123,13 +123,13 @@ def test_the_callers_settings_change_no_result_and_stay(compute: Callable[[], li
 
 
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("compute", [insertion, training_of_new_rows, benchmark])
+@pytest.mark.parametrize("compute", COMPUTATIONS)
 def test_threads_under_another_default_compute_as_one_alone_and_leave_it(
     compute: Callable[[], list[Any]],
 ) -> None:
     expected = as_bytes(compute())
     with changed(torch.set_default_dtype, torch.float64, torch.float32):
-        with ThreadPoolExecutor(4) as threads:
-            results = list(threads.map(lambda _: as_bytes(compute()), range(6)))
+        with ThreadPoolExecutor(8) as threads:
+            results = list(threads.map(lambda _: as_bytes(compute()), range(8)))
         assert torch.get_default_dtype() == torch.float64
-    assert results == [expected] * 6
+    assert results == [expected] * 8

@@ -6,6 +6,7 @@ import logging
 import re
 from collections import Counter
 from collections.abc import Iterator
+from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 from typing import Literal as Choice
@@ -151,10 +152,20 @@ def local_name(iri: str) -> str:
     return unquote(parts[-1])
 
 
+class _ByLine(StringIO):
+    """Text that is read line by line, since rdflib's time to find the end of a line in what it has
+    read grows with the square of its length.
+    """
+
+    def read(self, _size: int | None = -1, /) -> str:
+        return self.readline()
+
+
 def _parsed(path: Path) -> Graph:
     """The graph of a file, which is read as a whole."""
     with extra("rdf"):
         from rdflib import Graph
+        from rdflib.parser import InputSource
         from rdflib.plugins.parsers.notation3 import BadSyntax
 
     logging.getLogger("rdflib").setLevel(logging.ERROR)  # no warnings of invalid IRIs
@@ -164,6 +175,10 @@ def _parsed(path: Path) -> Graph:
         raise InputError(path, "", expected)
     text = read_text(path, "RDF, which is read as a whole,")
     try:
+        if form == "nt":
+            source = InputSource()
+            source.setCharacterStream(_ByLine(text, newline=None))
+            return Graph().parse(source, format=form)
         return Graph().parse(data=text, format=form, publicID="file:///")
     # truncated or deeply nested text raises errors of any type in the parser
     except Exception as error:

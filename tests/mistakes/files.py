@@ -87,6 +87,7 @@ TABLE_CASES = [
 
 RDF_CASES = [
     of_rdf("two things of one name", NT + "<urn:x:mug> <urn:x:near> <urn:x:bowl> .\n", "urn:x:mug"),
+    of_rdf("a line of five million characters", NT + "x" * 5_000_000, "Invalid line"),
     of_rdf(
         "a thing without a name", NT + "<http://x.org/> <urn:x:near> <urn:x:%20> .\n", "urn:x:%20"
     ),
