@@ -1,5 +1,5 @@
 """Ends of processes: no worker outlives its parent;
-a command that fails or is stopped prints one line.
+a command that fails or is stopped prints one line. And settings of a process, which threads share.
 """
 
 import argparse
@@ -11,8 +11,10 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
+from functools import partial
 from types import FrameType
 from typing import NoReturn
 
@@ -40,6 +42,37 @@ def _watch(parent: int) -> None:
     while os.getppid() == parent:
         time.sleep(0.5)
     os._exit(1)
+
+
+class Shared:
+    """Settings of the process while any thread is inside: the first one enters ``context``, and the
+    last one leaves it. Threads that each enter one of their own may leave settings that none of
+    them found.
+
+    Example:
+        >>> with quiet, quiet:
+        ...     warnings.warn("not shown")
+    """
+
+    def __init__(self, context: Callable[[], AbstractContextManager[object]]) -> None:
+        self._context, self._entered = context, ExitStack()
+        self._lock, self._inside = threading.Lock(), 0
+
+    def __enter__(self) -> None:
+        with self._lock:
+            if not self._inside:
+                self._entered.enter_context(self._context())
+            self._inside += 1
+
+    def __exit__(self, *_: object) -> None:
+        with self._lock:
+            self._inside -= 1
+            if not self._inside:
+                self._entered.close()
+
+
+#: No warnings, for calls of libraries that warn of what is no fault here.
+quiet = Shared(partial(warnings.catch_warnings, action="ignore"))
 
 
 def is_running(process: str) -> bool:

@@ -1,8 +1,9 @@
 """Public functions compute the same under any settings of PyTorch, and leave these as they were."""
 
+import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from functools import cache
 from typing import Any
 
@@ -13,10 +14,13 @@ import torch
 import isi
 from isi.home.home import Home
 from isi.models.losses import Loss
+from isi.process import quiet
 from tests.small_embedding import named
 from tests.small_home import KNOWN
 
 FACTS = [(f"thing {a}", "near", f"thing {b}") for a in range(8) for b in range(8) if (a + b) % 3]
+#: Few entities with several facts: calibration trains few models.
+STAR = [(f"thing {a}", "near", "thing 0") for a in range(1, 8)]
 NAMED = named()
 LATER = [("mug", "near", "thing 1"), ("mug", "near", "thing 2")]
 
@@ -68,7 +72,7 @@ def training_of_new_rows() -> list[Any]:
 
 
 def home() -> list[Any]:
-    trained = isi.train(FACTS, dimension=4)
+    trained = isi.train(STAR, dimension=4, learning_rate=0.1)
     home = Home(KNOWN)
     home.tell({"mug": {"in": home.base.entity_names[0]}})
     answers = [home.ask("mug", "in"), home.nearest("mug"), home.explain("mug")]
@@ -133,3 +137,12 @@ def test_threads_under_another_default_compute_as_one_alone_and_leave_it(
             results = list(threads.map(lambda _: as_bytes(compute()), range(8)))
         assert torch.get_default_dtype() == torch.float64
     assert results == [expected] * 8
+
+
+def test_settings_that_threads_share_are_left_as_the_first_found_them() -> None:
+    before, first, second = list(warnings.filters), ExitStack(), ExitStack()
+    first.enter_context(quiet)
+    second.enter_context(quiet)
+    first.close()
+    second.close()
+    assert warnings.filters == before

@@ -5,7 +5,6 @@ Tensors are NumPy's, safetensors', or a state dict of PyTorch's; no pickled code
 
 import hashlib
 import pickle
-import warnings
 import zlib
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -28,6 +27,7 @@ from isi.models.losses import Loss
 from isi.models.model import MODELS
 from isi.models.stack import margin_of
 from isi.names import plain
+from isi.process import quiet
 
 #: PyKEEN's folder, plain files; the first of each form, if it exists, identifies the form.
 PYKEEN = "training_triples"
@@ -178,7 +178,7 @@ def read_tensors(path: Path) -> dict[str, np.ndarray]:
 def _state_dict(path: Path) -> dict[str, torch.Tensor]:
     """Read a PyTorch state dict without running pickled code."""
     try:
-        with warnings.catch_warnings(action="ignore"):
+        with quiet:
             state: Any = torch.load(path, map_location="cpu", weights_only=True)
     except (pickle.UnpicklingError, RuntimeError) as error:
         raise ValueError(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -18,6 +17,7 @@ from isi.insertion.engine import Method, NovelEntities
 from isi.models.losses import Loss, TrainingLoss
 from isi.models.model import Model
 from isi.models.stack import Embedding
+from isi.process import quiet
 from isi.vocabulary import Vocabulary
 
 
@@ -239,7 +239,7 @@ def stack_of_one(
     Float32 vectors are not copied.
     """
     # values that overflow are refused later; torch warns of a table that is read-only
-    with np.errstate(over="ignore"), warnings.catch_warnings(action="ignore", category=UserWarning):
+    with np.errstate(over="ignore"), quiet:
         if isinstance(entities, np.ndarray):
             entities = torch.from_numpy(np.ascontiguousarray(entities, np.float32))[None]
     return Embedding(entities, torch.from_numpy(np.array(relations, np.float32))[None], model)

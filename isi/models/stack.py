@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, fields, is_dataclass, replace
-from threading import Lock
 from typing import Any, TypeVar
 
 import numpy as np
@@ -13,6 +12,7 @@ from torch import Tensor
 from isi.config import LARGEST
 from isi.errors import InputError
 from isi.models.model import Model
+from isi.process import Shared
 from isi.random import stream
 
 T = TypeVar("T")
@@ -21,32 +21,20 @@ DENORMAL = 1e-40  #: A float32 below the smallest number of full precision.
 MARGIN_TRIPLES = 1000  #: Maximum number of triples from which a margin is estimated.
 
 
-class _OfProcess:
-    """The settings of the process, which threads that compute share."""
-
-    def __init__(self) -> None:
-        self._lock, self._inside, self._before = Lock(), 0, ExitStack()
-
-    def __enter__(self) -> None:
-        with self._lock:
-            self._inside += 1
-            if self._inside > 1:
-                return
-            self._before.callback(torch.set_default_dtype, torch.get_default_dtype())
-            torch.set_default_dtype(torch.float32)
-            products = getattr(torch.backends.mkldnn, "matmul", None)  # from PyTorch 2.9 on
-            if products is not None:
-                self._before.callback(setattr, products, "fp32_precision", products.fp32_precision)
-                products.fp32_precision = "ieee"
-
-    def __exit__(self, *_: object) -> None:
-        with self._lock:
-            self._inside -= 1
-            if not self._inside:
-                self._before.close()
+@contextmanager
+def _usual_numbers() -> Iterator[None]:
+    """The process's default type and its precision of products, as usual."""
+    with ExitStack() as settings:
+        settings.callback(torch.set_default_dtype, torch.get_default_dtype())
+        torch.set_default_dtype(torch.float32)
+        products = getattr(torch.backends.mkldnn, "matmul", None)  # from PyTorch 2.9 on
+        if products is not None:
+            settings.callback(setattr, products, "fp32_precision", products.fp32_precision)
+            products.fp32_precision = "ieee"
+        yield
 
 
-_of_process = _OfProcess()
+_of_process = Shared(_usual_numbers)
 
 
 @contextmanager

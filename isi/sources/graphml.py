@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from pathlib import Path
@@ -13,6 +12,7 @@ from isi import config
 from isi.config import Count
 from isi.errors import InputError, at, cut, short
 from isi.names import clean
+from isi.process import quiet
 from isi.sources import Mining, Observation, reader
 from isi.sources.names import Label, Naming
 from isi.sources.readers import read_text
@@ -92,7 +92,7 @@ def _read(path: str) -> Any:
 
     text = read_text(Path(path), "GraphML, which is read as a whole,")
     try:
-        with warnings.catch_warnings(action="ignore"):  # of attributes without a type
+        with quiet:  # of attributes without a type
             graph: Any = nx.parse_graphml(text, force_multigraph=True)
         nodes = fromstring(text).findall(".//{*}node")  # noqa: S314  # networkx has parsed it just so
         ids = Counter(node.get("id") for node in nodes)
