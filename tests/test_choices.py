@@ -53,7 +53,7 @@ def test_while_a_choice_is_made_others_tell_and_ask(folder: Path) -> None:
     with choosing_after(beside):
         assert home.tell(iter([MUG])).inserted == ["mug"]
     assert len(waited) == 1
-    assert waited[0] < 10
+    assert waited[0] < 30  # a lock is waited for up to a minute
     alone = Home(KNOWN)
     alone.tell([("e3", "in", "e4"), MUG])
     assert_same(seen(home), seen(alone))
