@@ -8,6 +8,7 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from isi.__main__ import main
@@ -169,3 +170,32 @@ def test_lines_that_are_left_out_of_output_stay_out() -> None:
 )
 def test_only_the_last_digits_of_numbers_may_differ(other: str, same: bool) -> None:
     assert docs.alike("a 0.512 0\n", other) is same
+
+
+def test_a_run_is_recorded_with_its_tables(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(docs, "BENCHMARKS", tmp_path)
+    before = {"date": "1 May 2026", "isi": "0.1.0", "commit": "12345678", "machine": "a machine"}
+    rows = [{"table": name, **before} for name in ("fuzz", "speed")]
+    pd.DataFrame(rows).to_csv(tmp_path / "runs.csv", index=False)
+    run = docs.this_run()
+    docs.record(run, ["fuzz"])
+    after = pd.read_csv(tmp_path / "runs.csv", dtype=str).set_index("table")
+    assert after.loc["fuzz"].to_dict() == run
+    assert after.loc["speed"].to_dict() == before
+    words = (tmp_path / "machine.md").read_text(encoding="utf-8")
+    assert "- speed: one run on 1 May 2026, isi 0.1.0, commit 12345678; a machine.\n" in words
+
+
+def test_the_record_of_runs_names_tables_that_there_are_and_is_in_words_too() -> None:
+    runs = pd.read_csv(docs.BENCHMARKS / "runs.csv", dtype=str)
+    assert [name for name in runs["table"] if not (docs.BENCHMARKS / f"{name}.csv").exists()] == []
+    assert runs["table"].is_unique
+    words = (docs.BENCHMARKS / "machine.md").read_text(encoding="utf-8")
+    assert words == docs.runs_in_words(runs)
+
+
+def test_a_processor_has_the_name_of_its_model(tmp_path: Path) -> None:
+    info = tmp_path / "cpuinfo"
+    info.write_text("processor\t: 0\nmodel name\t: AMD EPYC 7B13\nflags\t: fpu\n", "utf-8")
+    assert docs.processor(info) == "AMD EPYC 7B13"
+    assert docs.processor(tmp_path / "none")

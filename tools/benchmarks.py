@@ -15,12 +15,10 @@ from matplotlib.figure import Figure
 from isi.config import read
 from isi.tables import paths
 from isi.training.batches import DENSE_LIMIT
-from tools.docs import BENCHMARKS, write_table
+from tools.docs import BENCHMARKS, record, write_table
 from tools.figures import STYLE
 
 COLOURS = {"tables": "#d55e00", "lists": "#0072b2"}
-#: Columns of ``runs.csv`` but that of the table.
-RUN = ["date", "isi", "commit", "machine"]
 
 
 @dataclass(frozen=True)
@@ -300,23 +298,6 @@ def run_of(results: dict[str, Any]) -> dict[str, str]:
     }
 
 
-def recorded(run: dict[str, str], names: list[str], before: pd.DataFrame) -> pd.DataFrame:
-    """The runs of all tables after one that wrote the tables ``names``."""
-    kept = before[~before["table"].isin(names)]
-    written = pd.DataFrame([{"table": name, **run} for name in names])
-    return pd.concat([kept, written]).sort_values("table", ignore_index=True)
-
-
-def runs_in_words(runs: pd.DataFrame) -> str:
-    """A sentence for each run, with the tables that it wrote."""
-    lines = []
-    for run, tables in runs.groupby(RUN, sort=False):
-        date, version, commit, machine = run
-        whose = "All tables" if len(tables) == len(runs) else ", ".join(tables["table"])
-        lines.append(f"- {whose}: one run on {date}, isi {version}, commit {commit}; {machine}.\n")
-    return "".join(lines)
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("results", type=Path, help="JSON of pytest-benchmark")
@@ -328,9 +309,7 @@ def main() -> None:
         )
     for name, measured in groups.items():
         write_table(name, pd.DataFrame(TABLES.get(name, facts)(pd.DataFrame(measured))))
-    runs = recorded(run_of(results), sorted(groups), pd.read_csv(BENCHMARKS / "runs.csv"))
-    write_table("runs", runs)
-    (BENCHMARKS / "machine.md").write_text(runs_in_words(runs), encoding="utf-8")
+    record(run_of(results), sorted(groups))
     write_table("large", large())
     if "growth" in groups:
         rows = pd.DataFrame(groups["growth"])

@@ -24,6 +24,8 @@ from __future__ import annotations
 
 import csv
 import math
+import os
+import platform
 import re
 import shlex
 import sqlite3
@@ -32,15 +34,15 @@ import sys
 import tempfile
 from collections.abc import Callable
 from contextlib import closing
+from datetime import UTC, datetime
+from importlib.metadata import version
 from itertools import zip_longest
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+import pandas as pd
 
 from isi.config import read, value_of
 from isi.process import errors_in_one_line
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 ROOT = Path(__file__).parent.parent
 BENCHMARKS = ROOT / "docs" / "benchmarks"
@@ -52,6 +54,8 @@ FILE = re.compile(r"^<!-- file: (\S+) -->\n```\w*\n(.*?)^```", re.DOTALL | re.MU
 SEPARATOR = re.compile(r"::| \| ")
 NUMERIC = re.compile(r"[-+]?[\d,.]+( s| MB| %)?$")
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
+#: Columns of ``runs.csv`` but that of the table.
+RUN = ["date", "isi", "commit", "machine"]
 #: Numbers in output that another type of processor may give.
 CLOSE = {"rel_tol": 0.02, "abs_tol": 0.011}
 
@@ -188,6 +192,63 @@ def write_table(name: str, table: pd.DataFrame) -> None:
     """Print a table, and write it as ``NAME.csv`` into docs/benchmarks."""
     table.to_csv(BENCHMARKS / f"{name}.csv", index=False, lineterminator="\n")
     print(table.to_string(index=False))
+
+
+def this_run() -> dict[str, str]:
+    """Date, version, commit and machine of a run that starts now; its tables change no commit."""
+    day = datetime.now(UTC)
+    code = _git("rev-parse", "--short=8", "HEAD") or "unknown"
+    changed = _git("status", "--porcelain", "--untracked-files=no", "--", ".", ":!docs")
+    return {
+        "date": f"{day.day} {day:%B %Y}",
+        "isi": version("isi-kge"),
+        "commit": code + (" with changes" if changed else ""),
+        "machine": (
+            f"{processor()}, {os.cpu_count()} cores, {platform.system()}; "
+            f"Python {platform.python_version()}"
+        ),
+    }
+
+
+def processor(path: Path = Path("/proc/cpuinfo")) -> str:
+    """The name of the processor's model."""
+    lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+    models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return models[0] if models else platform.machine()
+
+
+def _git(*arguments: str) -> str:
+    """What git prints about this folder; empty without git or a repository."""
+    command = ["git", *arguments]
+    try:
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    except OSError:
+        return ""
+    return done.stdout.strip()
+
+
+def record(run: dict[str, str], names: list[str]) -> None:
+    """Write into runs.csv, and in words into machine.md, that a run wrote the tables ``names``."""
+    runs = recorded(run, names, pd.read_csv(BENCHMARKS / "runs.csv", dtype=str))
+    write_table("runs", runs)
+    (BENCHMARKS / "machine.md").write_text(runs_in_words(runs), encoding="utf-8")
+
+
+def recorded(run: dict[str, str], names: list[str], before: pd.DataFrame) -> pd.DataFrame:
+    """The runs of all tables after one that wrote the tables ``names``."""
+    kept = before[~before["table"].isin(names)]
+    written = pd.DataFrame([{"table": name, **run} for name in names])
+    return pd.concat([kept, written]).sort_values("table", ignore_index=True)
+
+
+def runs_in_words(runs: pd.DataFrame) -> str:
+    """A sentence for each run, with the tables that it wrote."""
+    lines = []
+    for run, tables in runs.groupby(RUN, sort=False):
+        date, version, commit, machine = run
+        whose = "All tables" if len(tables) == len(runs) else ", ".join(tables["table"])
+        lines.append(f"- {whose}: one run on {date}, isi {version}, commit {commit}; {machine}.\n")
+    return "".join(lines)
 
 
 def main(named: list[str]) -> None:

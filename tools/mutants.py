@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from tools.docs import write_table
+from tools.docs import record, this_run, write_table
 
 #: Result of a mutant by the exit status in mutmut's files; any other status: killed.
 FATES = {0: "alive", 5: "run by no test", 33: "run by no test", None: "not tried", 34: "not tried"}
@@ -16,6 +16,7 @@ FATES = {0: "alive", 5: "run by no test", 33: "run by no test", None: "not tried
 
 def main() -> None:
     """Write a row for each package and a row "all"; print the mutants that were not killed."""
+    run = this_run()
     counts: dict[str, Counter[str]] = {}
     survivors = []
     for path in sorted(Path("mutants").rglob("*.py.meta")):
@@ -39,6 +40,7 @@ def main() -> None:
         ]
     )
     write_table("mutants", table)
+    record(run, ["mutants"])
     print(*survivors, sep="\n")
 
 

@@ -1,5 +1,5 @@
-"""Read thousands of changed files, and write the counts of outcomes to docs/benchmarks/fuzz.csv:
-``make fuzz``.
+"""Read thousands of changed files, and write the counts of outcomes to docs/benchmarks/fuzz.csv
+(the run to runs.csv beside it): ``make fuzz``.
 
 Faults (files neither read nor refused in one line within 10 s and 2 GiB) go to .fuzz/, and the exit
 status is then 1.
@@ -18,6 +18,7 @@ from pathlib import Path
 import pandas as pd
 from tqdm import tqdm
 
+from tools.docs import record, this_run
 from tools.fuzz.campaign import OF_GIANTS, outcomes_of
 from tools.fuzz.formats import FORMATS
 from tools.fuzz.worker import Outcome
@@ -60,7 +61,7 @@ def main() -> None:
         "--inputs", type=int, default=10_000, help="number of files over all formats (10,000)"
     )
     parser.add_argument("--out", type=Path, default=TABLE, help=f"the table ({TABLE})")
-    options = parser.parse_args()
+    options, run = parser.parse_args(), this_run()
     names = [*FORMATS, OF_GIANTS]
     share = -(-options.inputs // len(names))
     context = multiprocessing.get_context("spawn")
@@ -70,6 +71,8 @@ def main() -> None:
         outcomes = dict(zip(names, results, strict=True))
     every = [outcome for of_format in outcomes.values() for outcome in of_format]
     table(outcomes | {"all": every}).to_csv(options.out, index=False, lineterminator="\n")
+    if options.out == TABLE:
+        record(run, ["fuzz"])
     faults = [
         (name, outcome)
         for name, of_format in outcomes.items()

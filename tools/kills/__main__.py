@@ -1,5 +1,5 @@
-"""Kill or starve runs of the pipeline, and write the outcomes to docs/benchmarks/kills.csv:
-``make kill-test``.
+"""Kill or starve runs of the pipeline, and write the outcomes to docs/benchmarks/kills.csv
+(the run to runs.csv beside it): ``make kill-test``.
 
 In twenty runs of a small pipeline, the run, DVC, a stage or a worker gets KILL, TERM or INT at a
 random moment. Further runs have a limit on the size of files, or a full file system. After each of
@@ -28,6 +28,7 @@ from tqdm import tqdm
 
 from isi.home.folder import create
 from tests.small_home import KNOWN
+from tools.docs import record, this_run
 from tools.kills import home
 from tools.kills.workspace import SIGNALS, WHOM, Fault, Lost, Workspace
 
@@ -150,7 +151,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tools.kills", description=__doc__)
     parser.add_argument("--kills", type=int, default=20, help="of processes (20)")
     parser.add_argument("--out", type=Path, default=TABLE, help=f"the table ({TABLE})")
-    given = parser.parse_args()
+    given, run = parser.parse_args(), this_run()
     disks, chosen, faults = max(1, given.kills // 5), random.Random(0), list[Fault]()
     with tempfile.TemporaryDirectory() as folder:
         where = Workspace(Path(folder))
@@ -168,6 +169,8 @@ def main() -> None:
             about = f"{fault.whom}, {fault.cause}, in {fault.stage}"
             print(f"{about}: {fault.lost or 'nothing lost'}", flush=True)
     given.out.write_text(table(faults), encoding="utf-8")
+    if given.out == TABLE:
+        record(run, ["kills"])
     lost = sum(bool(fault.lost) for fault in faults)
     print(f"{len(faults)} faults, {lost} lost something; a run takes {seconds:.0f} s")
     sys.exit(bool(lost))
