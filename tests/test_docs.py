@@ -57,6 +57,10 @@ def test_links_lead_somewhere(page: Path) -> None:
             }, anchor
 
 
+def test_the_first_page_is_short() -> None:
+    assert len((docs.ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 90
+
+
 def slug(heading: str) -> str:
     """The anchor of a heading, as forges build it."""
     return re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-")
@@ -110,6 +114,17 @@ def test_places_are_filled_from_markdown_and_from_csv(tmp_path: Path) -> None:
     assert docs.filled(stale, tmp_path) == page.format("\n" + table, "1,200", number)
     with pytest.raises(LookupError, match="three::hours"):
         docs.filled("<!-- value: speed::three::hours --><!-- end -->", tmp_path)
+
+
+def test_named_columns_of_a_table_are_shown(tmp_path: Path) -> None:
+    (tmp_path / "mrr.md").write_text(
+        "| model | IU | ES |\n| --- | ---: | ---: |\n| a | 1.0 | – |\n| b | 2.0 | 72.1 |\n", "utf-8"
+    )
+    page = "<!-- table: mrr::model::ES -->{}<!-- end -->"
+    expected = "\n| model | ES |\n| --- | ---: |\n| a | – |\n| b | 72.1 |\n"
+    assert docs.filled(page.format("stale"), tmp_path) == page.format(expected)
+    with pytest.raises(LookupError, match="no RS"):
+        docs.filled("<!-- table: mrr::RS --><!-- end -->", tmp_path)
 
 
 SHOWN = """# Page

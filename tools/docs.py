@@ -1,7 +1,8 @@
 """Update the README and the pages of docs/:
 tables, numbers within sentences, and output of commands.
 
-A table (or a sentence) is inserted between ``<!-- table: PATH -->`` and ``<!-- end -->``. A number
+A table (or a sentence) is inserted between ``<!-- table: PATH -->`` and ``<!-- end -->``; after
+``<!-- table: PATH::COLUMN... -->``, these columns of it. A number
 is inserted between ``<!-- value: PATH::CELL...::COLUMN -->`` and ``<!-- end -->``: from the table
 at PATH, in the row that starts with these cells, without its interval; or, after
 ``<!-- value: params::KEY -->``, from ``params.yaml``. Outside of tables, `` | `` separates, too; in
@@ -69,13 +70,15 @@ def filled(page: str, root: Path = ROOT) -> str:
     """The text of a page with the current table, sentence or number in every marked place.
 
     Raises:
-        LookupError: if a table lacks the row or column of a number.
+        LookupError: if a table lacks the row or column of a number, or a column to show.
     """
 
     def fill(place: re.Match[str]) -> str:
         begin, kind, path, _, end = place.groups()
         content = (
-            "\n" + shown(path, root) if kind == "table" else value(SEPARATOR.split(path), root)
+            "\n" + shown(*SEPARATOR.split(path), root=root)
+            if kind == "table"
+            else value(SEPARATOR.split(path), root)
         )
         return begin + content + end
 
@@ -93,15 +96,23 @@ def rows_of(name: str, root: Path = ROOT) -> list[list[str]]:
         return list(csv.reader(file))
 
 
-def shown(name: str, root: Path = ROOT) -> str:
-    """A file of Markdown as it stands; or a CSV file as a Markdown table,
-    with columns of numbers aligned right.
+def shown(name: str, *columns: str, root: Path = ROOT) -> str:
+    """A file of Markdown as it stands; or the columns of a table, all of a CSV file without any,
+    as a Markdown table with columns of numbers aligned right.
+
+    Raises:
+        LookupError: if the table lacks a column.
     """
-    if (markdown := root / f"{name}.md").exists():
+    if not columns and (markdown := root / f"{name}.md").exists():
         return markdown.read_text(encoding="utf-8")
     head, *body = rows_of(name, root)
+    if absent := {*columns} - {*head}:
+        raise LookupError(f"{name}: no {', '.join(absent)}; the columns are {', '.join(head)}")
+    if columns:
+        places = [head.index(column) for column in columns]
+        head, *body = ([row[place] for place in places] for row in (head, *body))
     numeric = [
-        all(not cell or NUMERIC.match(cell) for cell in column)
+        all(cell in ("", "–") or NUMERIC.match(cell) for cell in column)
         for column in zip(*body, strict=True)
     ]
     rule = ["---:" if right else "---" for right in numeric]
