@@ -61,6 +61,14 @@ def test_the_first_page_is_short() -> None:
     assert len((docs.ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 90
 
 
+@pytest.mark.parametrize("page", docs.pages()[1:], ids=lambda page: page.name)
+def test_a_page_opens_with_the_question_that_it_answers(page: Path) -> None:
+    title, _, question, blank, *_ = page.read_text(encoding="utf-8").splitlines()
+    assert title.startswith("# ")
+    assert re.fullmatch(r"\*[A-Z].*\?\*", question)
+    assert not blank
+
+
 def slug(heading: str) -> str:
     """The anchor of a heading, as forges build it."""
     return re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-")
