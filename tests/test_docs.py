@@ -219,6 +219,8 @@ def test_the_record_of_runs_names_tables_that_there_are_and_is_in_words_too() ->
 
 def test_a_processor_has_the_name_of_its_model(tmp_path: Path) -> None:
     info = tmp_path / "cpuinfo"
-    info.write_text("processor\t: 0\nmodel name\t: AMD EPYC 7B13\nflags\t: fpu\n", "utf-8")
-    assert docs.processor(info) == "AMD EPYC 7B13"
+    info.write_text(
+        "processor\t: 0\ncpu family\t: 25\nmodel name\t: AMD EPYC 7B13\nflags\t: fpu\n", "utf-8"
+    )
+    assert docs.processor(info) == "AMD EPYC 7B13 (family 25)"
     assert docs.processor(tmp_path / "none")

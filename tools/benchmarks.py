@@ -3,7 +3,6 @@
 import argparse
 import json
 from dataclasses import dataclass
-from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +14,14 @@ from matplotlib.figure import Figure
 from isi.config import read
 from isi.tables import paths
 from isi.training.batches import DENSE_LIMIT
-from tools.docs import BENCHMARKS, record, write_table
+from tools.docs import BENCHMARKS, record, this_run, write_table
 from tools.figures import STYLE
 
 COLOURS = {"tables": "#d55e00", "lists": "#0072b2"}
+#: In a cell without a number.
+NONE = "–"
+#: Trainings are alike that have these in common; the library may be another one.
+ALIKE = ["family", "negatives", "models"]
 
 
 @dataclass(frozen=True)
@@ -40,23 +43,56 @@ def _count(values: pd.Series) -> pd.Series:
 
 
 def _figures(values: pd.Series) -> pd.Series:
-    """Numbers as text, with three significant figures, or whole from 100 on."""
-    return values.map(lambda value: f"{value:,.0f}" if value >= 100 else f"{value:#.3g}")
+    """Numbers as text, with three significant figures, or whole from 100 on; ``NONE`` for NaN."""
+    return values.map(_in_figures)
+
+
+def _in_figures(value: float) -> str:
+    if np.isnan(value):
+        return NONE
+    return f"{value:,.0f}" if value >= 100 else f"{value:#.3g}"
 
 
 def training(rows: pd.DataFrame) -> dict[str, pd.Series]:
-    """Training of one epoch, median over epochs; ratios are of triples scored per second."""
-    rate = rows["scored"] / rows["median"]
-    of = dict(zip(rows["library"], rate, strict=True))
+    """CPU time of an epoch, median over epochs. Expected negatives are not scored one by one.
+
+    Another library is compared with the row of ``isi`` that is alike: the same family, as many
+    sampled negatives, one model. What a stack or expected negatives add is compared with one model
+    of ``isi``, of the same family, with sampled negatives.
+    """
+    seconds = rows["median"] / rows["models"]
+    scored = rows["scored"].astype(float)
     return {
         "": rows["library"] + ", " + rows["model"],
         "negatives": rows["negatives"],
         "models": rows["models"].astype(int).astype(str),
-        "ms per model and epoch": _figures(1000 * rows["median"] / rows["models"]),
-        "million triples scored per second": _figures(rate / 1e6),
-        "times TorchKGE": _figures(rate / of["TorchKGE"]),
-        "times PyKEEN": _figures(rate / of["PyKEEN"]),
+        "ms per model and epoch": _figures(1000 * seconds),
+        "million triples scored per second": _figures(scored / rows["median"] / 1e6),
+        "times as fast as PyKEEN": _figures(_against(rows, "PyKEEN")),
+        "times as fast as TorchKGE": _figures(_against(rows, "TorchKGE")),
+        "times as fast as one model, sampled": _figures(_against_one_model(rows) / seconds),
     }
+
+
+def _against(rows: pd.DataFrame, library: str) -> pd.Series:
+    """How many times as fast each training is as the one of a library that is alike;
+    NaN if there is none.
+    """
+    theirs = rows[rows["library"] == library].set_index(ALIKE)["median"]
+    alike = theirs.reindex(pd.MultiIndex.from_frame(rows[ALIKE]))
+    return pd.Series(alike.to_numpy(), rows.index) / rows["median"]
+
+
+def _against_one_model(rows: pd.DataFrame) -> pd.Series:
+    """Seconds of one model of ``isi``, of the family of each row, with as many sampled negatives;
+    NaN for other libraries.
+    """
+    as_sampled = rows["negatives"].str.replace("expected", "sampled")
+    ours = rows["library"] == "isi"
+    one = rows[ours & (rows["models"] == 1) & (rows["negatives"] == as_sampled)]
+    seconds = one.set_index(["family", "negatives"])["median"]
+    found = seconds.reindex(pd.MultiIndex.from_arrays([rows["family"], as_sampled]))
+    return pd.Series(found.to_numpy(), rows.index).where(ours)
 
 
 def ranking(rows: pd.DataFrame) -> dict[str, pd.Series]:
@@ -179,8 +215,6 @@ TABLES = {
     "live": live,
     "updates": updates,
 }
-#: All tables of a run; the last one shows all facts.
-GROUPS = [*TABLES, "one_by_one"]
 
 
 def crossing(rows: pd.DataFrame) -> float:
@@ -282,20 +316,10 @@ def _time(seconds: float) -> str:
 
 
 def run_of(results: dict[str, Any]) -> dict[str, str]:
-    """Date, version, commit and machine of a run, from the JSON of pytest-benchmark."""
-    info, commit = results["machine_info"], results["commit_info"]
-    packages = {"Python": info["python_version"], **info["versions"]}
-    day = datetime.fromisoformat(results["datetime"])
-    changed = " with changes" if commit["dirty"] else ""
-    return {
-        "date": f"{day.day} {day:%B %Y}",
-        "isi": info["isi"],
-        "commit": commit["id"][:8] + changed,
-        "machine": (
-            f"{info['cpu']['brand_raw']}, {info['cores']} cores, {info['system']}; "
-            + ", ".join(f"{name} {number}" for name, number in packages.items())
-        ),
-    }
+    """This run, with the versions of packages from the JSON of pytest-benchmark."""
+    run, versions = this_run(), results["machine_info"]["versions"]
+    packages = "".join(f", {name} {number}" for name, number in versions.items())
+    return run | {"machine": run["machine"] + packages}
 
 
 def main() -> None:

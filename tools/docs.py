@@ -222,10 +222,16 @@ def this_run() -> dict[str, str]:
 
 
 def processor(path: Path = Path("/proc/cpuinfo")) -> str:
-    """The name of the processor's model."""
+    """The name of the processor, with the numbers that tell its generation: in a virtual machine,
+    the name is often that of all generations.
+    """
     lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
-    models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return models[0] if models else platform.machine()
+    pairs = [line.partition(":") for line in lines]
+    known = {name.strip(): value.strip() for name, _, value in pairs}
+    numbers = {"family": "cpu family", "model": "model", "stepping": "stepping"}
+    told = " ".join(f"{part} {known[name]}" for part, name in numbers.items() if name in known)
+    name = known.get("model name", platform.machine())
+    return f"{name} ({told})" if told else name
 
 
 def _git(*arguments: str) -> str:
