@@ -89,10 +89,10 @@ def _against_one_model(rows: pd.DataFrame) -> pd.Series:
     """
     as_sampled = rows["negatives"].str.replace("expected", "sampled")
     ours = rows["library"] == "isi"
-    one = rows[ours & (rows["models"] == 1) & (rows["negatives"] == as_sampled)]
-    seconds = one.set_index(["family", "negatives"])["median"]
-    found = seconds.reindex(pd.MultiIndex.from_arrays([rows["family"], as_sampled]))
-    return pd.Series(found.to_numpy(), rows.index).where(ours)
+    alone = rows[ours & (rows["models"] == 1) & (rows["negatives"] == as_sampled)]
+    seconds = alone.set_index(["family", "negatives"])["median"]
+    sampled = seconds.reindex(pd.MultiIndex.from_arrays([rows["family"], as_sampled]))
+    return pd.Series(sampled.to_numpy(), rows.index).where(ours)
 
 
 def ranking(rows: pd.DataFrame) -> dict[str, pd.Series]:
