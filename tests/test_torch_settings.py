@@ -112,11 +112,17 @@ def as_bytes(values: list[Any]) -> list[bytes | str]:
     return [each.tobytes() if isinstance(each, arrays) else str(each) for each in values]
 
 
-COMPUTATIONS = [insertion, training_of_new_rows, home, benchmark, checks, of_pykeen]
+QUICK = [insertion, training_of_new_rows, benchmark, checks]
+SLOW = [home, of_pykeen]  #: Seconds each.
+#: For these, settings come together.
+TOGETHER = [
+    ("float64", "meta", "inference", "deterministic"),
+    ("bfloat16", "within meta", "precision", "autocast", "no_grad", "grad disabled"),
+]
 
 
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("compute", COMPUTATIONS)
+@pytest.mark.parametrize("compute", QUICK)
 def test_the_callers_settings_change_no_result_and_stay(compute: Callable[[], list[Any]]) -> None:
     expected = as_bytes(compute())
     for name, setting in settings().items():
@@ -126,17 +132,34 @@ def test_the_callers_settings_change_no_result_and_stay(compute: Callable[[], li
             assert state() == before, name
 
 
+@pytest.mark.usefixtures("quick")
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("compute", COMPUTATIONS)
+@pytest.mark.parametrize("compute", SLOW)
+def test_settings_that_come_together_change_no_result(compute: Callable[[], list[Any]]) -> None:
+    assert sorted(name for names in TOGETHER for name in names) == sorted(settings())
+    expected = as_bytes(compute())
+    for names in TOGETHER:
+        of_name = settings()
+        with ExitStack() as entered:
+            for name in names:
+                entered.enter_context(of_name[name])
+            before = state()
+            assert as_bytes(compute()) == expected, names
+            assert state() == before, names
+
+
+@pytest.mark.usefixtures("quick")
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("compute", [*QUICK, *SLOW])
 def test_threads_under_another_default_compute_as_one_alone_and_leave_it(
     compute: Callable[[], list[Any]],
 ) -> None:
-    expected = as_bytes(compute())
+    expected, times = as_bytes(compute()), 3 if compute in SLOW else 8
     with changed(torch.set_default_dtype, torch.float64, torch.float32):
-        with ThreadPoolExecutor(8) as threads:
-            results = list(threads.map(lambda _: as_bytes(compute()), range(8)))
+        with ThreadPoolExecutor(times) as threads:
+            results = list(threads.map(lambda _: as_bytes(compute()), range(times)))
         assert torch.get_default_dtype() == torch.float64
-    assert results == [expected] * 8
+    assert results == [expected] * times
 
 
 def test_settings_that_threads_share_are_left_as_the_first_found_them() -> None:
