@@ -76,3 +76,9 @@ def test_what_computes_no_vector_needs_numpy_and_sqlite_alone(
 def test_a_new_entity_needs_pytorch(small_home: Path) -> None:
     new = ("tell", "oven", "atLocation", "kitchen", "--dry-run", "--initializer", "mean")
     assert "torch" in command(*new, home=small_home)
+
+
+def test_a_description_of_files_needs_no_pytorch(tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text("mug,at,kitchen\n", encoding="utf-8")
+    line = ["train", "--describe", str(tmp_path / "log.csv")]
+    assert "torch" not in loaded(f"from isi.cli import main; main({line!r})")

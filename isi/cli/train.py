@@ -53,13 +53,9 @@ def train(
     """Read files, train an embedding of their graph, and make it a home.
     FILE may be a home: it is trained again on all that holds.
     """
-    import torch
-
     from isi.graph.files import path_of, read_graph
     from isi.home.folder import check_free, is_home
-    from isi.home.train import described
 
-    torch.set_num_threads(1)  # so that equal commands train equal vectors
     home = next((Path(file) for file in files if is_home(Path(file))), None)
     if home is not None:
         if len(files) > 1 or out or entities or reader or set or describe:
@@ -77,6 +73,8 @@ def train(
     tables, read = read_graph(files, reader, of_reader, verb.seed)
     note = ""
     if entities:
+        from isi.home.train import described  # needs PyTorch, which takes long to load
+
         tables, note = described(tables, entities)
     of_files = [*lines(read, are_names=True), *([f"Warning: {entities}: {note}."] if note else [])]
     if out is None or describe:
@@ -90,10 +88,18 @@ def _train_again(folder: Path, verb: verbs.Train) -> None:
     """Train a home again."""
     from isi.home.home import open_home
 
+    _use_one_thread()
     with open_home(folder) as home, _flags():
         print(verb.of(home))
         home.prepare(progress=True)
     print(f"The home is trained again on all that holds: {folder}")
+
+
+def _use_one_thread() -> None:
+    """Compute on one thread, so that equal commands train equal vectors."""
+    import torch
+
+    torch.set_num_threads(1)
 
 
 def _train(tables: GraphTables, out: Path, verb: verbs.Train, of_files: Sequence[str]) -> None:
@@ -103,6 +109,7 @@ def _train(tables: GraphTables, out: Path, verb: verbs.Train, of_files: Sequence
     from isi.home.home import Home
     from isi.home.train import train_bundle
 
+    _use_one_thread()
     with _flags():
         bundle, summary = train_bundle(
             tables,
