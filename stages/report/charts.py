@@ -21,7 +21,9 @@ from matplotlib.figure import Figure, FigureBase
 from isi import config
 
 PALETTE = config.read(Path(__file__).with_name("palette.yaml"))
-WIDTH, HEIGHT = 480, 380  #: Of a panel in pixels (1/72 inch).
+WIDTH, HEIGHT = 480, 264  #: Of a panel in pixels (1/72 inch).
+LEAST = 10.0  #: Least range of the axis of values, in points or epochs: noise is not drawn large.
+DENSE = 10  #: The last epoch of the linear part of an axis of epochs; later ones are logarithmic.
 INK, SOFT, LINE = (PALETTE["page"][name] for name in ("ink", "soft", "line"))
 #: Label of the axis below lines, and how a place on it is called, by column.
 XLABELS = {
@@ -35,9 +37,19 @@ BANDED = ("Xavier", "IU", "ES", "RS", "ERS")
 #: dash and mark.
 _SPARE = ("#8c564b", "#5f8f2f", "#b04a5a", "#4f86a8", "#94752c", "#7d5fa5")
 _SPARE_DASHES, _SPARE_MARKS = ("-", "--", ":", "-."), ("o", "s", "D", "^")
-#: What a page need not have of a drawing: later decimals of places, indents, and ids of groups,
-#: which other drawings have, too.
-_UNNEEDED = re.compile(r'(\.\d)\d{3,}|(?<=\n) +|(?<=<g) id="[^"]*"')
+#: What a page need not have of a drawing, with what stands in its place: its style sets fonts,
+#: and nothing lies outside of the axes.
+_SHORTER = {
+    r"<defs>\s*<(style|clipPath).*?</defs>|<!--.*?-->|</?g( [^>]*)?>": "",
+    r' (width|height|xmlns[:\w]*|version|clip-path)="[^"]*"(?=[^>]*>)': "",
+    r' transform="rotate\(-0 [^"]*"': "",
+    r'<path d="[^"]*" style="fill: (none|var\(--paper\))"/>': "",
+    r" ?(font-size|font-family|stroke-linecap|stroke-linejoin): [^;\"]*;?": "",
+    r"\s*\n\s*(?=<)": "",
+    r'; ?"': '"',
+    r'style=" ': 'style="',
+    r' style=""': "",
+}
 
 
 @dataclass(frozen=True)
@@ -96,16 +108,17 @@ def lines(
     def draw(axes: Axes) -> list[Value]:
         for each in names:
             rows, style = frame[frame[name] == each], style_of(each, names)
-            spacing = 0.12 if len(rows) > 1 else None  # of the axes, between marks
+            spacing = 0.2 if len(rows) > 1 else None  # of the axes, between marks
             axes.plot(rows[x], rows[y], **style, label=each, markevery=spacing)
             if each in BANDED:
                 ends = rows.get(f"{y} low", rows[y]), rows.get(f"{y} high", rows[y])
                 axes.fill_between(rows[x], *ends, color=style["color"], alpha=0.13, lw=0)
         if level and not np.isnan(level[1]):
             axes.axhline(level[1], color=SOFT, ls=":", label=level[0])
-        if len(frame) and x == "epoch" and frame[x].max() > 20:
+        if len(frame) and x == "epoch" and frame[x].max() > 2 * DENSE:
             _widen_the_start(axes, frame[x].max())
         axes.set(xlabel=xlabel, ylabel=ylabel)
+        _widen(axes)
         return [
             Value(row[x], row[y], f"{unit} {row[x]:g}", row[name], _text(row, y))
             for row in frame.to_dict("records")
@@ -114,13 +127,21 @@ def lines(
     return Panel(title, draw)
 
 
+def _widen(axes: Axes) -> None:
+    """Give the axis of values its least range; none is below 0."""
+    low, high = axes.get_ylim()
+    missing = max(0.0, LEAST - (high - low))
+    low = max(0.0, low - missing / 2)
+    axes.set_ylim(low, max(high + missing / 2, low + LEAST))
+
+
 def _widen_the_start(axes: Axes, high: float) -> None:
-    """Scale x linearly to 10 and by its logarithm from there; a line says so."""
-    axes.set_xscale("symlog", linthresh=10, linscale=1.2)
+    """Scale x linearly to ``DENSE`` and by its logarithm from there; a line says so."""
+    axes.set_xscale("symlog", linthresh=DENSE, linscale=1.2)
     ticks = [tick for tick in (0, 2, 4, 6, 8, 10, 20, 50, 150) if tick <= high]
     axes.set_xticks(ticks, list(map(str, ticks)))
     axes.minorticks_off()
-    axes.axvline(10, color=LINE, zorder=0.5)
+    axes.axvline(DENSE, color=LINE, zorder=0.5)
 
 
 def _text(row: Mapping[Any, Any], column: str) -> str:
@@ -190,36 +211,7 @@ def bars(frame: pd.DataFrame, title: str) -> Panel:
         _name_rows(axes, list(frame["part"]))
         return values
 
-    return Panel(title, draw, 90 + 28 * len(frame), "y")
-
-
-def places(frame: pd.DataFrame, title: str, mean: float) -> Panel:
-    """A map of vectors: known entities, the indicators of one initializer, and the path of the new
-    entity from its start (mark) to its end (ring); ``mean``: distance of known vectors on average.
-    """
-    initializers = list(map(str, frame["initializer"].dropna().unique()))
-
-    def draw(axes: Axes) -> list[Value]:
-        values = list[Value]()
-        for (role, name), rows in frame.groupby(["what", "initializer"], sort=False, dropna=False):
-            x, y = rows["distance"].to_numpy(), rows["axis"].to_numpy()
-            style = style_of(str(name), initializers)
-            if role == "known entity":
-                axes.plot(x, y, "o", color=SOFT, ms=3, mew=0)
-            elif role == "indicator":
-                axes.plot(x, y, "o", color=style["color"], ms=6)
-            else:
-                axes.plot(x, y, color=style["color"])
-                axes.plot(x[0], y[0], **style | {"ls": ""}, mec=INK, ms=9, label=name)
-                axes.plot(x[-1], y[-1], "o", mfc="none", mec=INK, ms=8)
-                for end, place in {"start": 0, "end": -1}.items():
-                    text = f"{x[place]:.1f} from the centre"
-                    values.append(Value(x[place], y[place], f"{name}, {end}", "", text))
-        axes.axvline(mean, color=SOFT, ls=":")
-        axes.set(xlabel="distance from the centre", ylabel="first principal axis", xlim=(0, None))
-        return values
-
-    return Panel(title, draw)
+    return Panel(title, draw, 76 + 24 * len(frame), "y")
 
 
 # Files
@@ -271,19 +263,37 @@ def alone(panel: Panel, name: str) -> tuple[str, dict[str, Any]]:
         text = _saved(canvas, "svg").decode()
     for variable, colour in PALETTE["page"].items():
         text = text.replace(colour, f"var(--{variable})")
-    return _UNNEEDED.sub(r"\1", text[text.index("<svg") :]), {
+    names = list(dict.fromkeys(value.name for value in values))
+    return shorter(text[text.index("<svg") :]), {
         "by": panel.by,
         "width": WIDTH,
         "below": round(panel.height - axes.get_window_extent().y0),
-        "places": _by_place(panel, axes, values),
+        "names": names,
+        "places": _by_place(panel, axes, values, names),
     }
 
 
-def _by_place(panel: Panel, axes: Axes, values: Sequence[Value]) -> list[Any]:
-    """Where each place is, its name, and the names and texts of its values, from above."""
+def shorter(text: str) -> str:
+    """A drawing without what a page need not have of it."""
+    for pattern, replacement in _SHORTER.items():
+        text = re.sub(pattern, replacement, text, flags=re.DOTALL)
+    return re.sub(r' (d|x|y|transform)="[^"]*"', _shorter_places, text)
+
+
+def _shorter_places(attribute: re.Match[str]) -> str:
+    """An attribute with its places rounded down to one decimal, and no spaces around letters."""
+    rounded = re.sub(r"(\.\d)\d+", r"\1", attribute[0])
+    return re.sub(r"(?<!^)\s*([MLCQz])\s*", r"\1", re.sub(r"(\d)\.0(?!\d)", r"\1", rounded))
+
+
+def _by_place(panel: Panel, axes: Axes, values: Sequence[Value], names: Sequence[str]) -> list[Any]:
+    """Where each place is, its name, and of its values from above: the number of the name in
+    ``names``, and the text.
+    """
     by_place = dict[str, Any]()
     for value in sorted(values, key=attrgetter("y"), reverse=panel.by == "x"):
         x, y = axes.transData.transform((value.x, value.y))
         at = round(x if panel.by == "x" else panel.height - y)
-        by_place.setdefault(value.place, [at, value.place, []])[2].append([value.name, value.text])
+        shown = [names.index(value.name), value.text]
+        by_place.setdefault(value.place, [at, value.place, []])[2].append(shown)
     return sorted(by_place.values())

@@ -1,5 +1,6 @@
 """The script of the page's explorer."""
 
+import re
 from pathlib import Path
 
 from markupsafe import Markup
@@ -13,8 +14,11 @@ MODULES = ("linear_algebra", "model", "data", "random", "similarity", "initializ
 
 
 def script() -> Markup:
-    """The modules of the page in one script, without their imports and exports."""
+    """The modules of the page in one script, without their imports, exports, comments and
+    indents.
+    """
     sources = ((TEMPLATES / "explorer" / f"{name}.js").read_text("utf-8") for name in MODULES)
-    lines = [line for source in sources for line in source.splitlines(keepends=True)]
-    shown = [line.removeprefix("export ") for line in lines if not line.startswith("import ")]
-    return Markup("".join(shown))  # noqa: S704
+    text = re.sub(r"/\*.*?\*/", "", "".join(sources), flags=re.DOTALL)
+    lines = [line.strip().removeprefix("export ") for line in text.splitlines()]
+    shown = [line for line in lines if line and not line.startswith("import ")]
+    return Markup("\n".join(shown))  # noqa: S704

@@ -8,8 +8,8 @@ from typing import Any
 
 import pandas as pd
 
-from stages.report.charts import PALETTE, Panel, bars, dots, lines, places
-from stages.report.scopes import DIRECTIONS, EARLIER, TITLES
+from stages.report.charts import DENSE, PALETTE, Panel, bars, dots, lines
+from stages.report.scopes import DIRECTIONS, GROUPED, TITLES
 from stages.report.tables.forms import estimates, is_number
 
 
@@ -32,9 +32,9 @@ def by_graph(frame: pd.DataFrame) -> Iterator[tuple[Any, pd.DataFrame]]:
 def answer(frame: pd.DataFrame) -> list[Panel]:
     """The parts of the gain on each graph, in both groups together and about novel entities."""
     panels = list[Panel]()
-    for scope, title in TITLES.items():
+    for scope in GROUPED:
         of_scope = frame[frame["scope"] == scope]
-        panels += [bars(rows, titled(graph, title)) for graph, rows in by_graph(of_scope)]
+        panels += [bars(rows, titled(graph, TITLES[scope])) for graph, rows in by_graph(of_scope)]
     return panels
 
 
@@ -49,46 +49,30 @@ def figure3a(frame: pd.DataFrame) -> list[Panel]:
     return panels
 
 
-def directions(frame: pd.DataFrame) -> list[Panel]:
-    """Entity prediction with the novel entity as the question, and as the answer."""
-    xlabel = "entity prediction, MRR (points)"
+def _curves(frame: pd.DataFrame, scope: str) -> list[Panel]:
+    """A panel by epoch for each graph; dotted: the joint model. After ``DENSE``, where the axis is
+    logarithmic, each tenth epoch is drawn.
+    """
+    shown = with_lines(frame).dropna(subset="MRR")
+    shown = shown[shown["scope"] == scope]
+    shown = shown[(shown["epoch"] <= DENSE) | (shown["epoch"] % 10 == 0)]
     panels = list[Panel]()
-    for column in DIRECTIONS.values():
-        for graph, rows in by_graph(frame):
-            ordered = rows.sort_values(DIRECTIONS["given"], ascending=False)
-            title = titled(graph, column)
-            panels.append(dots(ordered, "model", {column: column}, title, xlabel=xlabel))
-    return panels
-
-
-def _curves(frame: pd.DataFrame, scopes: Sequence[str], y: str) -> list[Panel]:
-    """Panels by epoch for each scope and graph; dotted: the joint model, in MRR."""
-    ylabel = "MRR (points)" if y == "MRR" else "change of MRR (points)"
-    shown = with_lines(frame).dropna(subset=y)
-    panels = list[Panel]()
-    for scope in scopes:
-        of_scope = shown[shown["scope"] == scope]
-        for graph, rows in by_graph(of_scope):
-            is_joint = rows["model"] == "Joint"
-            level = ("Joint", float(rows.loc[is_joint, y].mean())) if y == "MRR" else None
-            title = titled(graph, TITLES[scope])
-            panels.append(lines(rows[~is_joint], "epoch", y, title, ylabel=ylabel, level=level))
+    for graph, rows in by_graph(shown):
+        is_joint = rows["model"] == "Joint"
+        level = ("Joint", float(rows.loc[is_joint, "MRR"].mean()))
+        title = titled(graph, TITLES[scope])
+        panels.append(lines(rows[~is_joint], "epoch", "MRR", title, level=level))
     return panels
 
 
 def figure3b(frame: pd.DataFrame) -> list[Panel]:
-    """Learning curves: both groups together, then about novel entities."""
-    return _curves(frame, ("weighted", "novel"), "MRR")
-
-
-def forgetting(frame: pd.DataFrame) -> list[Panel]:
-    """The change of earlier knowledge since before the insertion."""
-    return _curves(frame, EARLIER, "change")
+    """Learning curves of both groups together."""
+    return _curves(frame, "weighted")
 
 
 def figure4(frame: pd.DataFrame) -> list[Panel]:
     """Earlier knowledge during the transfer."""
-    return _curves(frame, ("known",), "MRR")
+    return _curves(frame, "known")
 
 
 def sensitivity(frame: pd.DataFrame) -> list[Panel]:
@@ -104,28 +88,6 @@ def sensitivity_of_epochs(frame: pd.DataFrame) -> list[Panel]:
     return [
         lines(rows, "indicators", "epochs", titled(graph, "epochs"), ylabel="epochs")
         for graph, rows in by_graph(frame)
-    ]
-
-
-def figure1(frame: pd.DataFrame) -> list[Panel]:
-    """The path of one entity: each initializer of ISI with its indicators, then the others."""
-    known = frame[frame["what"] == "known entity"]
-    mean = float(known["distance"].mean())
-    with_indicators = list(dict.fromkeys(frame.loc[frame["what"] == "indicator", "initializer"]))
-    others = frame[~frame["initializer"].isin(with_indicators)]
-    panels = list[Panel]()
-    for name in with_indicators:
-        of_initializer = frame[frame["initializer"] == name]
-        panels.append(places(pd.concat([known, of_initializer]), name, mean))
-    return [*panels, places(others, "Other initializers", mean)]
-
-
-def paper_results(frame: pd.DataFrame) -> list[Panel]:
-    """The paper's results and ours: a panel for each kind."""
-    columns = {"the paper": "paper", "its graph": "ours", "today's graph": "today's graph"}
-    return [
-        dots(rows, "whose", columns, str(kind), xlabel="")
-        for kind, rows in frame.groupby("kind", sort=False)
     ]
 
 

@@ -64,6 +64,10 @@ class ReportItem(Section):
     table: str = ""  #: of a figure: the CSV from which it is drawn, if of another name
     #: shown on the page; empty: all
     columns: Annotated[list[str], Field(default_factory=list)]
+    #: shown on the page, by column: rows with one of these values; if there are none, all
+    rows: Annotated[dict[str, list[str]], Field(default_factory=dict)]
+    #: whose numbers of seeds its caption has: keys of the table ``run`` without ``.seeds``
+    seeds: Annotated[list[str], Field(default_factory=list)]
     closed: bool = False  #: whether it is folded at first
     panels: int = 0  #: number of panels that the page shows; 0: all
 
@@ -169,18 +173,62 @@ class PageTables:
         with opening(path, "a table of the report", ValueError):
             return pd.read_csv(path)
 
-    def number(self, name: str, column: str, /, **where: Any) -> Markup:
-        """A value with one decimal from the row with these values, as text; "–" without one."""
+    def values(self, name: str, column: str, /, **where: Any) -> list[Any]:
+        """The values of a column in the rows with these values; none without the table."""
         frame = self.get(name)
-        if frame is not None:
-            for key, value in where.items():
-                frame = frame[frame[key.replace("_", " ")].astype(str) == str(value)]
-        value = None if frame is None or column not in frame else next(iter(frame[column]), None)
-        if value is None or pd.isna(value):
-            return Markup("–")
-        if not isinstance(value, str):
-            value = f"{value:,.0f}" if float(value).is_integer() else f"{value:.1f}"
-        return Markup("{}").format(value)
+        if frame is None or column not in frame:
+            return []
+        for key, value in where.items():
+            frame = frame[frame[key.replace("_", " ")].astype(str) == str(value)]
+        return list(frame[column].dropna())
+
+    def number(self, name: str, column: str, first: str = "", /, **where: Any) -> Markup:
+        """A value with one decimal from the row with these values, as text; "–" without one.
+        ``first``: the value of its first column.
+        """
+        frame = self.get(name)
+        if first and frame is not None:
+            where |= {frame.columns[0]: first}
+        value = next(iter(self.values(name, column, **where)), None)
+        return Markup("{}").format("–" if value is None else _written(value))
+
+    def span(self, name: str, column: str, /, **where: Any) -> Markup:
+        """The least and the greatest of some values, as text; "–" without any."""
+        values = self.values(name, column, **where) or ["–"]
+        return Markup(" to ").join(dict.fromkeys(map(_written, (min(values), max(values)))))
+
+    def listed(self, name: str, column: str, /, **where: Any) -> Markup:
+        """The texts of a column in the rows with these values, in quotation marks."""
+        return Markup(", ").join(f"“{text}”" for text in self.values(name, column, **where))
+
+    def count(self, name: str, column: str, /, **where: Any) -> int:
+        """The number of rows with these values."""
+        return len(self.values(name, column, **where))
+
+    def made(self, item: ReportItem | None = None) -> str:
+        """Of which run the tables are: its date and its commit, as far as they are known; before
+        them the numbers of seeds of an item.
+        """
+        frame = self.get("run")
+        values = {} if frame is None else dict(zip(frame["name"], frame["value"], strict=True))
+        numbers = {
+            str(value)
+            for seeds in (item.seeds if item else [])
+            for name, value in values.items()
+            if name.endswith(f"{seeds}.seeds")
+        }
+        *most, last = sorted(numbers, key=int) or [""]
+        parts = [f"{', '.join(most)}{' or ' if most else ''}{last} seeds"] if last else []
+        if "commit" in values:
+            parts.append(f"run of {values['date']}, commit {values['commit']}")
+        return "; ".join(parts)
+
+
+def _written(value: Any) -> str:
+    """A number with one decimal, or without if it is whole; a text as it is."""
+    if isinstance(value, str):
+        return value
+    return f"{value:,.0f}" if float(value).is_integer() else f"{value:.1f}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,6 +290,9 @@ def rendered(item: ReportItem, frame: pd.DataFrame) -> Rendered:
     """An item with the data of its table."""
     if item.draw:
         return Rendered(item, panels=tuple(getattr(figures, item.draw)(frame)))
+    for column, values in item.rows.items():
+        chosen = frame[frame[column].astype(str).isin(values)]
+        frame = chosen if len(chosen) else frame
     return Rendered(item, shown_table(frame, item.columns))
 
 
@@ -280,34 +331,38 @@ def html(
     """The HTML of a page."""
     environment = _environment()
 
+    functions = {each: getattr(tables, each) for each in ("number", "span", "listed", "count")}
+
+    def filled(text: str) -> str:
+        return environment.from_string(text).render(functions)
+
     def prose(part: str) -> Markup:
         path = TEMPLATES / "prose" / name / f"{part}.md"
-        if not path.exists():
-            return Markup("")
-        text = environment.from_string(path.read_text("utf-8")).render(number=tables.number)
-        return Markup(_MARKDOWN.render(text))  # noqa: S704
+        text = path.read_text("utf-8") if path.exists() else ""
+        return Markup(_MARKDOWN.render(filled(text)))  # noqa: S704
 
     def line(text: str) -> Markup:
-        filled = environment.from_string(text).render(number=tables.number)
-        return Markup(_MARKDOWN.renderInline(filled))  # noqa: S704
+        return Markup(_MARKDOWN.renderInline(filled(text)))  # noqa: S704
 
     up = "../" if page.folder else ""
     here = f"{page.folder}/index.html" if page.folder else "index.html"
     bar = {title: f"{up}{place}" for title, place in BAR.items()}
     picture = shown.get("picture")
     explorer = shown.get("explorer")
-    filled = {rendered.item.part for rendered in items} | ({"try"} if explorer else set())
+    shown_parts = {rendered.item.part for rendered in items} | ({"try"} if explorer else set())
     return environment.get_template("page.html").render(
         page=page,
         bar=bar,
         here=f"{up}{here}",
-        parts=[part for part in page.parts if part.id in filled],
+        parts=[part for part in page.parts if part.id in shown_parts or prose(part.id)],
         items=items,
         picture=picture,
         explorer=explorer,
         explorer_script=script() if explorer else "",
         prose=prose,
         line=line,
+        made=tables.made,
+        number=tables.number,
         question=lambda relation: QUESTIONS.get(relation, f"(it, {relation}, ?)"),
         terms=glossary() if not page.folder else [],
     )

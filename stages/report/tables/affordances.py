@@ -116,3 +116,17 @@ def table3_affordances(results: Results, experiment: Experiment) -> pd.DataFrame
         return None
     shown = [*experiment.methods, *({BASELINE} & set(experiment.initializers))]
     return answers.rows(shown, results.paper["affordances"]["answers"])
+
+
+@table("report")
+def table3_by_entity(results: Results) -> pd.DataFrame | None:
+    """Table 3 with a row for each entity: the answers of each initializer, best first."""
+    ranked = table3_affordances(results)
+    return None if ranked is None else by_entity(ranked)
+
+
+def by_entity(ranked: pd.DataFrame) -> pd.DataFrame:
+    """Ranked answers below each other as one text for each entity."""
+    groups = ranked.drop(columns="").fillna("").groupby(["graph", "entity"], sort=False)
+    joined: pd.DataFrame = groups.agg(", ".join)
+    return joined.reset_index()

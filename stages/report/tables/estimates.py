@@ -37,9 +37,14 @@ def where(rows: pd.DataFrame, **values: Any) -> pd.DataFrame:
 
 
 def over_seeds(
-    rows: pd.DataFrame, by: Sequence[str], columns: Mapping[str, str], scale: float = 100.0
+    rows: pd.DataFrame,
+    by: Sequence[str],
+    columns: Mapping[str, str],
+    scale: float = 100.0,
+    least: float = -np.inf,
 ) -> pd.DataFrame:
-    """Means × ``scale`` of ``columns`` (name to new name) by group, with intervals over seeds.
+    """Means × ``scale`` of ``columns`` (name to new name) by group, with intervals over seeds, none
+    below ``least``.
 
     The mean is over all rows, and seeds may have different numbers of them: its error is that of a
     ratio of two sums over seeds, to first order. With equal numbers it is Student's interval of the
@@ -59,7 +64,8 @@ def over_seeds(
     parts = dict[str, pd.Series]()
     for column, name in columns.items():
         mean, half = scale * means[column], scale * around[column]
-        parts |= {name: mean, f"{name} low": mean - half, f"{name} high": mean + half}
+        low = (mean - half).clip(lower=least)
+        parts |= {name: mean, f"{name} low": low, f"{name} high": mean + half}
     return pd.DataFrame(parts)
 
 
@@ -83,16 +89,17 @@ def means_without_each(cells: pd.DataFrame, pooled: bool = False) -> np.ndarray:
     return means
 
 
-def jackknife(values: np.ndarray) -> Estimate:
+def jackknife(values: np.ndarray, least: float = -np.inf) -> Estimate:
     """A statistic of all S seeds and without each of them, (1 + S,), as a value with its interval:
-    Student's t with the error of the jackknife, which is the usual one for a mean.
+    Student's t with the error of the jackknife, which is the usual one for a mean. No bound is
+    below ``least``.
     """
     value, others = float(values[0]), values[1:]
     if not len(others):
         return value, np.nan, np.nan
     error = float(others.std()) * np.sqrt(len(others) - 1)
     around = error * float(_quantile(len(others)))
-    return value, value - around, value + around
+    return value, float(np.maximum(value - around, least)), value + around
 
 
 def combined(rows: pd.DataFrame, by: Sequence[str], measure: str = "mrr") -> pd.DataFrame:
@@ -176,7 +183,7 @@ def epochs_summary(convergence: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame
     ended = convergence[convergence["converged"]]
     parts = list[pd.DataFrame]()
     for title, runs in (("", convergence), ("runs that end", ended)):
-        means = over_seeds(runs, levels, {"epochs": "mean"}, scale=1)
+        means = over_seeds(runs, levels, {"epochs": "mean"}, scale=1, least=0)
         means["deviation"] = runs.groupby(levels)["epochs"].std()
         parts.append(under(means, title))
     summary = pd.concat(parts, axis=1)

@@ -15,6 +15,7 @@ from stages.explore import GRAPH_ENTITIES, GRAPH_QUERIES, GRAPH_RUNS, GRAPH_TRIP
 from stages.report.scopes import DIRECTIONS
 from stages.report.tables.data import Experiment, ModelLabels, Runs
 from stages.report.tables.estimates import BASELINE, TableRow, difference, named, where, wide
+from stages.report.tables.method import described
 from stages.report.tables.registry import table
 from stages.vary import VARIANT_QUERIES, VARIANT_RUNS, Variant
 
@@ -136,6 +137,16 @@ def _runs_of(
         variant=variant,
         key=key,
     )
+
+
+@table("beyond", "run")
+def run_beyond(results: Further) -> pd.DataFrame:
+    """The sizes and seeds of variants and graphs, versions and the commit of the code."""
+    sizes = {
+        kind: {each.key: {"size": each.variant.size, "seeds": each.variant.seeds} for each in runs}
+        for kind, runs in (("variants", results.variants), ("graphs", results.graphs))
+    }
+    return described(sizes)
 
 
 # Other initializers, fewer insert triples, other words

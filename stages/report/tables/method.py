@@ -1,7 +1,9 @@
 """The graphs, the choices of this run against others, and what was run and left out."""
 
 import platform
+import subprocess
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from importlib.metadata import version
 from math import nan
 from typing import Any
@@ -33,6 +35,8 @@ _PACKAGES = (
     "scipy",
     "torch",
 )
+#: What the results of a run depend on, as paths of git.
+CODE = ("isi", "stages", "data/raw", "params.yaml", "beyond/params.yaml")
 #: Sections of params that the table of the run omits.
 UNUSED = {"compute", "recorder", "plots", "finetune_only", "final_model"}
 
@@ -120,7 +124,7 @@ def by_indicators(results: Results, experiment: Experiment) -> pd.DataFrame | No
     ]
     seeds = results.params.sweep.finetuned_seeds
     epochs = experiment.converged(sweep, by, seeds)
-    parts.append(over_seeds(epochs, by, {"epochs": "epochs"}, scale=1))
+    parts.append(over_seeds(epochs, by, {"epochs": "epochs"}, scale=1, least=0))
     groups = epochs.groupby(by)["converged"]
     parts.append((groups.size() - groups.sum()).rename("do not end").to_frame())
     return pd.concat(parts, axis=1)
@@ -272,14 +276,35 @@ def _places(places: np.ndarray, label: str, kind: str) -> pd.DataFrame:
 
 @table("report")
 def run(results: Results) -> pd.DataFrame:
-    """Params and versions; no time, place, machine or hash of the code, so that equal results have
-    equal reports.
+    """Params, versions and the commit of the code; no time of day, place or machine, so that equal
+    results of equal code have equal reports.
     """
-    values = results.params.model_dump(exclude=UNUSED, exclude_unset=True)
-    rows = [(name, str(value)) for name, value in _flat(values)]
+    return described(results.params.model_dump(exclude=UNUSED, exclude_unset=True))
+
+
+def described(params: Mapping[str, Any]) -> pd.DataFrame:
+    """The table of a run with these params."""
+    rows = [(name, str(value)) for name, value in _flat(params)]
     rows.append(("python", platform.python_version()))
     rows += [(name, version(name)) for name in _PACKAGES]
+    rows += commit_of_code().items()
     return pd.DataFrame(rows, columns=["name", "value"])
+
+
+def commit_of_code() -> dict[str, str]:
+    """The last commit that changed ``CODE``, and its date; empty outside of git or with changes
+    that are not committed. It is the same before and after the results are committed.
+    """
+    log = ("git", "log", "-1", "--format=%h %cs", "--abbrev=10", "--", *CODE)
+    changed = ("git", "status", "--porcelain", "--", *CODE)
+    with suppress(OSError, subprocess.CalledProcessError):
+        if not _output(changed):
+            return dict(zip(("commit", "date"), _output(log).split(), strict=False))
+    return {}
+
+
+def _output(command: Sequence[str]) -> str:
+    return subprocess.run(command, check=True, capture_output=True, text=True).stdout
 
 
 def _flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

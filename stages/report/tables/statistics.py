@@ -70,14 +70,14 @@ class Statistics:
 
     def mean_epochs(self, model: str) -> Estimate:
         """Mean epochs to convergence over runs (Table 2)."""
-        return jackknife(self._epochs(model))
+        return jackknife(self._epochs(model), least=0)
 
     def deviation(self, model: str) -> Estimate:
         """Standard deviation of the epochs to convergence over runs (Table 2)."""
         squares, means = self._epochs(model, power=2), self._epochs(model)
         number = int((self.epochs["model"] == model).sum())
         variance = (squares - means**2).clip(min=0) * number / max(number - 1, 1)
-        return jackknife(np.sqrt(variance))
+        return jackknife(np.sqrt(variance), least=0)
 
     def fewer_epochs(self, model: str) -> Estimate:
         """Per cent by which mean epochs are below Xavier's (section 6.2); ``ISI``: the mean over

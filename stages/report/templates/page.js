@@ -24,22 +24,23 @@
   /* Figures: the values nearest to the pointer, or step by step with the arrow keys. */
   const tip = document.getElementById("tip");
   for (const panel of every(".panel")) {
-    const { by, width, below, places } = JSON.parse(panel.querySelector("script").textContent);
+    const { by, width, below, names, places } = JSON.parse(panel.querySelector("script").textContent);
     let current = -1;
     const show = (place) => {
       current = place;
       const [at, title, values] = places[place];
       const box = panel.querySelector("svg").getBoundingClientRect(), scale = box.width / width;
-      tip.replaceChildren(...[[title, ""], ...values].map((words) => {
+      const texts = [title, ...values.map(([name, text]) => `${names[name]} ${text}`)];
+      tip.replaceChildren(...texts.map((text) => {
         const row = document.createElement("div");
-        row.textContent = words.join(" ");
+        row.textContent = text;
         return row;
       }));
       tip.hidden = false;
-      /* Beside the drawing: below a line, right of a row. */
-      const [left, top] = by === "x" ? [at * scale - tip.offsetWidth / 2, below * scale] : [box.width, at * scale - tip.offsetHeight / 2];
-      tip.style.left = `${Math.max(4, Math.min(box.left + left, innerWidth - tip.offsetWidth - 4)) + scrollX}px`;
-      tip.style.top = `${box.top + top + scrollY}px`;
+      /* Below the axes, so that no curve is covered. */
+      const left = box.left + (by === "x" ? at * scale : box.width / 2) - tip.offsetWidth / 2;
+      tip.style.left = `${Math.max(4, Math.min(left, innerWidth - tip.offsetWidth - 4)) + scrollX}px`;
+      tip.style.top = `${box.top + below * scale + scrollY}px`;
     };
     const nearest = (event) => {
       const box = panel.querySelector("svg").getBoundingClientRect();
