@@ -127,9 +127,8 @@ def test_an_initializer_is_in_figures_by_its_label(monkeypatch: pytest.MonkeyPat
     assert immediate["model"].tolist() == ["Xavier", "Nearest", "Joint"]
     by_size: Any = results.immediate_by_size(of_experiment)
     curves: Any = results.curves(of_experiment)
-    panels = [*figures.figure3a(by_size), *figures.forgetting(curves)]
-    panels += [*figures.figure3b(curves), *figures.figure4(curves)]
-    assert len(panels) == 3 + 2 + 2 + 1
+    panels = [*figures.figure3a(by_size), *figures.figure3b(curves), *figures.figure4(curves)]
+    assert len(panels) == 3 + 1 + 1
     assert all({"Xavier", "Nearest"} <= drawn(panel) for panel in panels)
     assert traced(["mean", "nearest"]) == ["nearest"]  # figure 1
     parts: Any = results.answer_parts(

@@ -86,7 +86,7 @@ def variant(
     name: str = "home",
     **entry: Any,
 ) -> VariantRuns:
-    usual = {"title": group, "group": group, "size": 5, "max_insert_triples": None}
+    usual = {"title": group, "group": group, "size": 5, "seeds": 2, "max_insert_triples": None}
     settings = SimpleNamespace(**usual | entry)
     settings.initializers = [model for model in given if model != "joint"]
     return VariantRuns(

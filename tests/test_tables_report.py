@@ -1,5 +1,6 @@
 """Tables of the main report, and colours of its figures: a few runs by hand."""
 
+import subprocess
 import types
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -13,7 +14,7 @@ from matplotlib.colors import to_rgb
 
 from isi.errors import InputError
 from stages.report import charts
-from stages.report.tables import affordances, headlines, method, paper, registry, results
+from stages.report.tables import affordances, claims, headlines, method, paper, registry, results
 from stages.report.tables.data import Experiment, ModelLabels
 from stages.report.tables.estimates import MEASURES
 from stages.report.tables.statistics import ISI, Statistics, best_indicators
@@ -268,6 +269,8 @@ def test_answers_go_by_mean_rank_and_those_of_another_kind_are_marked(
     table = frame(affordances.table3_affordances(made))
     assert table["ES"].tolist() == ["open", marked, "× shelf", "× kitchen"]
     assert table["paper: ES"].tolist() == ["× shelf", "open", "–", "–"]
+    (row,) = frame(affordances.table3_by_entity(made)).to_dict("records")
+    assert row["ES"] == f"open, {marked}, × shelf, × kitchen"
 
 
 # The paper's numbers
@@ -330,9 +333,9 @@ def test_the_drop_is_below_the_mean_of_the_other_four() -> None:
 
 def test_epochs_have_means_deviations_and_are_fewer_than_xaviers() -> None:
     found = statistics({}, xavier=[100, 140], es=[30, 42], rs=[60, 60], ers=[0, 24])
-    assert found.mean_epochs("xavier") == pytest.approx(
-        (120, 120 - T2 * 20, 120 + T2 * 20), rel=1e-5
-    )
+    # no epochs are below 0
+    assert found.mean_epochs("xavier") == pytest.approx((120, 0, 120 + T2 * 20), rel=1e-5)
+    assert found.mean_epochs("es")[1:] == pytest.approx((0, 36 + T2 * 6), rel=1e-5)
     assert found.deviation("xavier")[0] == pytest.approx(np.std([100, 140], ddof=1))
     assert found.fewer_epochs("es")[0] == pytest.approx(70)
     limited = statistics({}, xavier=[50, 70, 150], es=[30, 30, 150])
@@ -417,6 +420,73 @@ def test_each_result_of_the_paper_has_a_row_and_what_is_outside_is_listed() -> N
     ]
     apart = listed.set_index(["kind", "whose"]).loc[("epochs to convergence", "Xavier")]
     assert apart[["ours minus the paper's", "half-widths away"]].tolist() == [-97, 97 / 0.05]
+
+
+# What the paper claims
+
+
+def printed_results(**ours: tuple[float, float, float]) -> pd.DataFrame:
+    """Gains as rows of ``paper_results``: ours with their bounds, by label; the paper's is 40."""
+    rows = [("gain over Xavier (%)", name, 40.0, *values) for name, values in ours.items()]
+    columns = ["kind", "whose", "paper", "ours", "ours low", "ours high"]
+    made = pd.DataFrame(rows, columns=columns)
+    within = (made["ours low"] <= made["paper"]) & (made["paper"] <= made["ours high"])
+    inside = within.map({True: "yes", False: "no"})
+    return made.assign(**{"inside": inside, "inside in it": "", "today's graph": 3.25})
+
+
+@pytest.mark.parametrize(
+    ("es", "holds", "verdict"),
+    [
+        ((41.0, 39.0, 43.0), "6 of 6", "repeated"),
+        ((20.0, 10.0, 30.0), "5 of 6", "partly"),  # the order alone
+        ((20.0, -10.0, 50.0), "5 of 6", "partly"),  # the number alone
+    ],
+)
+def test_a_claim_has_a_verdict_by_its_orders_and_numbers(
+    es: tuple[float, float, float], holds: str, verdict: str
+) -> None:
+    both = dict.fromkeys(("RS", "ERS"), (40.0, 39.0, 41.0))
+    (row,) = frame(claims.judged(printed_results(ES=es, **both))).to_dict("records")
+    assert [row["holds"], row["verdict"]] == [holds, verdict]
+    assert [row["whose"], row["paper"]] == ["ES, RS, ERS", "40, 40, 40"]
+    assert row["the paper's graph"] == f"{es[0]:.0f}, 40, 40"
+    assert row["today's graph"] == "3.2, 3.2, 3.2"
+
+
+def test_nothing_that_holds_is_not_repeated_and_an_open_claim_has_no_row() -> None:
+    below = dict.fromkeys(("ES", "RS", "ERS"), (-5.0, -9.0, -1.0))
+    assert frame(claims.judged(printed_results(**below)))["verdict"].tolist() == ["not"]
+    assert claims.judged(printed_results(ES=(40.0, 39.0, 41.0))) is None
+
+
+def with_bounds(name: str, values: Mapping[str, float]) -> pd.DataFrame:
+    """An estimate of each initializer, 1 to both sides of it."""
+    columns = {name: 0, f"{name} low": -1, f"{name} high": 1}
+    rows = [
+        {"initializer": label} | {column: value + shift for column, shift in columns.items()}
+        for label, value in values.items()
+    ]
+    return pd.DataFrame(rows)
+
+
+def test_bounds_of_what_the_paper_does_not_print_are_those_of_both_parts() -> None:
+    gained = with_bounds("gain, %", {"ES": 40, "RS": 20, "ERS": 0.5, "Mean": 20})
+    beyond = claims.beyond_the_centre(gained)
+    assert beyond.loc["ES", "ours"] == pytest.approx(50)
+    assert beyond.loc["ES", "ours low"] == pytest.approx(100 * (1 - 21 / 39))
+    assert beyond.loc["RS", ["ours low", "ours high"]].tolist() == pytest.approx(
+        [100 * (1 - 21 / 19), 100 * (1 - 19 / 21)]
+    )
+    assert beyond.loc["ERS", ["ours", "ours low"]].isna().all()  # it may gain nothing
+    swept = pd.concat([with_bounds("epochs", {"ES": epochs, "RS": 4}) for epochs in (30, 1, 10)])
+    fewer = claims.fewer_with_more(swept)
+    assert fewer.loc["ES", ["ours", "ours low", "ours high"]].tolist() == [20, 18, 22]
+    assert fewer.loc["RS", "ours"] == 0
+    answers = pd.DataFrame({"ES": ["open", "? push"], "Xavier": ["× shelf", "open"]})
+    right = claims.right_answers(answers)["ours"]
+    assert right[["ES", "Xavier"]].tolist() == [2, 1]
+    assert right[["RS", "ERS"]].isna().all()
 
 
 def test_the_measure_decides_by_one_change_at_a_time() -> None:
@@ -513,6 +583,35 @@ def test_the_rule_grows_the_set_while_epochs_fall_and_little_is_lost() -> None:
     # epochs decrease throughout; MRR at size 4 is 7 points below the best smaller size
     values, epochs = [0.6, 0.62, 0.62, 0.55, 0.7], [60, 40, 20, 10, 0]
     assert method.select_size([1, 2, 3, 4, 5], values, epochs) == 3
+
+
+def git(*arguments: str) -> None:
+    command = ("git", *arguments)
+    subprocess.run(command, check=True)
+
+
+def test_a_run_has_the_commit_that_changed_its_code_last(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("GIT_CEILING_DIRECTORIES", str(tmp_path.parent))
+    assert method.commit_of_code() == {}
+
+    def commit(file: str) -> dict[str, str]:
+        (tmp_path / file).write_text(file, encoding="utf-8")
+        git("add", file)
+        git("-c", "user.name=a", "-c", "user.email=a", "commit", "--quiet", "-m", file)
+        return method.commit_of_code()
+
+    git("init", "--quiet")
+    first = commit("params.yaml")
+    assert set(first) == {"commit", "date"}
+    assert commit("results.csv") == first
+    (tmp_path / "params.yaml").write_text("changed", encoding="utf-8")
+    assert method.commit_of_code() == {}
+    shown = method.described({"seed": 0}).set_index("name")["value"]
+    assert shown["seed"] == "0"
+    assert "commit" not in shown
 
 
 def test_the_plots_of_dvc_are_written_whichever_experiments_there_are() -> None:

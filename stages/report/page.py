@@ -197,7 +197,7 @@ class PageTables:
         values = self.values(name, column, **where) or ["–"]
         return Markup(" to ").join(dict.fromkeys(map(_written, (min(values), max(values)))))
 
-    def listed(self, name: str, column: str, /, **where: Any) -> Markup:
+    def quoted(self, name: str, column: str, /, **where: Any) -> Markup:
         """The texts of a column in the rows with these values, in quotation marks."""
         return Markup(", ").join(f"“{text}”" for text in self.values(name, column, **where))
 
@@ -331,7 +331,7 @@ def html(
     """The HTML of a page."""
     environment = _environment()
 
-    functions = {each: getattr(tables, each) for each in ("number", "span", "listed", "count")}
+    functions = {each: getattr(tables, each) for each in ("number", "span", "quoted", "count")}
 
     def filled(text: str) -> str:
         return environment.from_string(text).render(functions)

@@ -115,30 +115,29 @@ CLAIMS = (
 @table("report")
 def claims(results: Results) -> pd.DataFrame | None:
     """The paper's claims with its numbers, ours on both graphs, and a verdict on the first."""
-    found = [paper_results(results)]
+    parts = [paper_results(results)]
     for statistic, frame, extended in (
         (fewer_with_more, sensitivity(results), False),
         (beyond_the_centre, gains(results), False),
         (right_answers, table3_affordances(results), True),
     ):
-        experiments = [results.on(papers, extended) for papers in (True, False)]
+        titles = [getattr(results.on(papers, extended), "title", "") for papers in (True, False)]
         if frame is not None:
-            parts = [frame[frame["graph"] == (each and each.title)] for each in experiments]
-            found.append(side_by_side(*map(statistic, parts)))
-    frame = pd.concat(found, ignore_index=True)
-    is_count = frame["kind"] == RIGHT
+            both = [statistic(frame[frame["graph"] == title]) for title in titles]
+            parts.append(side_by_side(*both))
+    frame = pd.concat(parts, ignore_index=True)
     printed = results.paper["affordances"]
     theirs = frame["whose"].map({"Xavier": printed["xavier"], **dict.fromkeys(ISI, printed["isi"])})
-    return judged(frame.assign(paper=frame["paper"].where(~is_count, theirs)))
+    return judged(frame.assign(paper=frame["paper"].where(frame["kind"] != RIGHT, theirs)))
 
 
-def judged(found: pd.DataFrame) -> pd.DataFrame | None:
-    """A row for each claim whose results were found on the paper's graph; ``found``: results as
+def judged(results: pd.DataFrame) -> pd.DataFrame | None:
+    """A row for each claim all of whose results are there on the paper's graph; ``results``: as
     rows of ``paper_results``.
     """
     rows = list[TableRow]()
     for claim in CLAIMS:
-        of_kind = found[found["kind"] == claim.kind].set_index("whose")
+        of_kind = results[results["kind"] == claim.kind].set_index("whose")
         of_kind = of_kind.reindex(list(claim.whose))
         if of_kind["ours"].isna().any():
             continue
@@ -196,12 +195,12 @@ def beyond_the_centre(gained: pd.DataFrame) -> pd.DataFrame:
     """
     columns = [f"gain, %{end}" for end in ENDS]
     by_name = gained.set_index("initializer")[columns].reindex([*ISI, "Mean"])
-    own, mean = by_name.loc[list(ISI)], by_name.loc["Mean"]
-    own = own.where(own[columns[1]] > 0)
+    gain, mean = by_name.loc[list(ISI)], by_name.loc["Mean"]
+    gain = gain.where(gain[columns[1]] > 0)
     parts = {
-        "ours": mean[columns[0]] / own[columns[0]],
-        "ours low": mean[columns[2]] / own[columns[1]],
-        "ours high": mean[columns[1]] / own[columns[2]],
+        "ours": mean[columns[0]] / gain[columns[0]],
+        "ours low": mean[columns[2]] / gain[columns[1]],
+        "ours high": mean[columns[1]] / gain[columns[2]],
     }
     return (100 * (1 - pd.DataFrame(parts))).assign(kind=BEYOND_THE_CENTRE)
 

@@ -43,17 +43,18 @@ export function asked(world, { relation, isTail }, own, other) {
 /** @param {World} world @param {State} state @param {Insertion[]} columns @param {string[]} names */
 function drawSummary(world, { subject, choices }, columns, names) {
   const test = subject.facts.filter((_, place) => !subject.offered.includes(place)), tests = test.length;
-  at("numbers", HTMLElement).replaceChildren(...columns.map(({ mrrStar }, number) => {
+  for (const part of ["numbers", "name"]) at(part, HTMLElement).hidden = !tests;
+  at("numbers", HTMLElement).replaceChildren(...(tests ? columns : []).map(({ mrrStar }, number) => {
     const name = choices[number]?.name, about = RANDOM.includes(name) ? drawn(world, subject, choices[number]) : "";
     return html("div", { class: style(number) }, html("dt", {}, names[number]),
-      html("dd", {}, ...(mrrStar === null ? [] : [html("strong", {}, fixed(100 * mrrStar, 1))]), about));
+      html("dd", {}, html("strong", {}, mrrStar === null ? "–" : fixed(100 * mrrStar, 1)), about));
   }));
-  at("name", HTMLElement).textContent = tests ? "MRR* of this insertion" : "No MRR*: there is no test fact";
+  at("name", HTMLElement).textContent = "MRR* of this insertion";
   at("status", HTMLElement).textContent = tests
     ? `Over the test ${tests === 1 ? "fact" : `set, ${tests} facts`} of ${subject.name} that ${tests === 1 ? "is" : "are"} never offered, with the other end `
       + "hidden among all known entities; 100 is perfect. What you give changes the vector, never the test set."
       + (columns.length > 2 ? ` The joint model was trained with ${test.filter(({ split }) => !split).length} of them.` : "")
-    : `${subject.name} has no fact but those that you may give.`;
+    : `${subject.name} has no fact but those that you may give, so that no answer can be tested.`;
   at("lengths", HTMLElement).textContent = `Distance from the centre: ${columns.map(({ place }, number) => `${names[number]} ${fixed(place[0], 1)}`).join(", ")}.`;
 }
 
