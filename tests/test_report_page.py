@@ -218,6 +218,7 @@ RUN_TABLE = """name,value
 experiments.a.sessions.seeds,30
 experiments.b.sessions.seeds,5
 experiments.b.finetuned.seeds,10
+experiments.a.finetuned.seeds,None
 commit,0123456789
 date,2026-11-30
 """
@@ -225,12 +226,12 @@ date,2026-11-30
 
 def test_captions_have_their_seeds_and_their_run_as_far_as_they_are_known(tmp_path: Path) -> None:
     tables = page.PageTables(tmp_path)
-    item = page.ReportItem(name="t", title="t", seeds=["a.sessions", "b.finetuned"])
+    item = page.ReportItem(name="t", title="t", seeds=["a.sessions", "a.finetuned", "b.finetuned"])
     assert tables.made(item) == tables.made() == ""
     (tmp_path / "run.csv").write_text(RUN_TABLE, encoding="utf-8")
     known = page.PageTables(tmp_path / ".")
-    assert known.made(item) == "10 or 30 seeds; run of 2026-11-30, commit 0123456789"
-    assert known.made() == "run of 2026-11-30, commit 0123456789"
+    assert known.made(item) == "10 or 30 seeds; run of commit 0123456789 (2026-11-30)"
+    assert known.made() == "run of commit 0123456789 (2026-11-30)"
 
 
 def test_prose_has_values_ranges_and_texts_of_tables(tmp_path: Path) -> None:

@@ -487,6 +487,9 @@ def test_bounds_of_what_the_paper_does_not_print_are_those_of_both_parts() -> No
     right = claims.right_answers(answers)["ours"]
     assert right[["ES", "Xavier"]].tolist() == [2, 1]
     assert right[["RS", "ERS"]].isna().all()
+    assert claims.right_answers(answers.head(0))["ours"].isna().all()
+    assert claims.fewer_with_more(swept.head(0))["ours"].isna().all()
+    assert claims.beyond_the_centre(gained.head(0))["ours"].isna().all()
 
 
 def test_the_measure_decides_by_one_change_at_a_time() -> None:

@@ -206,8 +206,8 @@ class PageTables:
         return len(self.values(name, column, **where))
 
     def made(self, item: ReportItem | None = None) -> str:
-        """Of which run the tables are: its date and its commit, as far as they are known; before
-        them the numbers of seeds of an item.
+        """Of which run the tables are: the commit of its code and its date, as far as they are
+        known; before them the numbers of seeds of an item.
         """
         frame = self.get("run")
         values = {} if frame is None else dict(zip(frame["name"], frame["value"], strict=True))
@@ -215,12 +215,12 @@ class PageTables:
             str(value)
             for seeds in (item.seeds if item else [])
             for name, value in values.items()
-            if name.endswith(f"{seeds}.seeds")
+            if name.endswith(f"{seeds}.seeds") and str(value).isdigit()
         }
         *most, last = sorted(numbers, key=int) or [""]
         parts = [f"{', '.join(most)}{' or ' if most else ''}{last} seeds"] if last else []
         if "commit" in values:
-            parts.append(f"run of {values['date']}, commit {values['commit']}")
+            parts.append(f"run of commit {values['commit']} ({values['date']})")
         return "; ".join(parts)
 
 

@@ -222,7 +222,8 @@ def right_answers(answers: pd.DataFrame) -> pd.DataFrame:
     """The number of answers of the right kind among the first ones about all entities; a count has
     no interval.
     """
-    shown = answers.reindex(columns=["Xavier", *ISI]).dropna(axis=1, how="all")
-    counts = shown.apply(lambda words: (~words.str.startswith("×")).sum()).astype(float)
+    names = [name for name in ("Xavier", *ISI) if name in answers and answers[name].notna().any()]
+    rights = {name: (~answers[name].str.startswith("×")).sum() for name in names}
+    counts = pd.Series(rights, dtype=float)
     bounds = dict.fromkeys((f"ours{end}" for end in ENDS), counts)
     return pd.DataFrame(bounds).reindex(["Xavier", *ISI]).assign(kind=RIGHT)
