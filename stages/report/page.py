@@ -192,9 +192,10 @@ class PageTables:
         value = next(iter(self.values(name, column, **where)), None)
         return Markup("{}").format("–" if value is None else _written(value))
 
-    def span(self, name: str, column: str, /, **where: Any) -> Markup:
-        """The least and the greatest of some values, as text; "–" without any."""
-        values = self.values(name, column, **where) or ["–"]
+    def span(self, name: str, *columns: str, **where: Any) -> Markup:
+        """The least and the greatest of the values in some columns, as text; "–" without any."""
+        values = [value for column in columns for value in self.values(name, column, **where)]
+        values = values or ["–"]
         return Markup(" to ").join(dict.fromkeys(map(_written, (min(values), max(values)))))
 
     def quoted(self, name: str, column: str, /, **where: Any) -> Markup:
