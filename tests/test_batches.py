@@ -98,6 +98,13 @@ def test_heads_come_from_everyone_for_lists_or_where_the_pool_is_empty(
     assert data.head_pool[0].tolist() == [[1, 1, 1], [1, 0, 1]]  # relation 1 keeps its pool
 
 
+def test_a_single_entity_that_is_never_the_head_is_the_pool() -> None:
+    graph = graph_of({(0, 0, 1): 1, (1, 0, 2): 1}, 3, 1)
+    session = session_of(graph, torch.zeros(1, 2, dtype=torch.int8))
+    data = batches.training_data(session, "t", torch.tensor([[0, 0]]))
+    assert data.head_pool[0].tolist() == [[0, 0, 1]]
+
+
 @pytest.mark.parametrize("limit", [batches.DENSE_LIMIT, 0])
 def test_expected_negatives_are_the_mean_of_sampled_ones(
     limit: int, monkeypatch: pytest.MonkeyPatch

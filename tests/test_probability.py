@@ -13,6 +13,7 @@ import torch
 
 import isi
 from isi.errors import InputError
+from isi.evaluation import platt
 from isi.evaluation.platt import PlattCurve, fit_platt
 from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.initializers.api import INITIALIZERS, InitResult, initializer, without_weights
@@ -179,6 +180,18 @@ def test_relations_with_few_right_answers_and_new_ones_share_a_curve() -> None:
     score = done.details.embedding.score(*torch.from_numpy(triples).T[:, None])[0].numpy()
     np.testing.assert_array_equal(done.probability(triples), done.details.curves.of_all(score))
     assert isinstance(done.details.curves.of_all, PlattCurve)
+
+
+def test_some_of_many_unknown_answers_represent_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(0)
+    known = np.arange(4040) < 40
+    scores = rng.normal(np.where(known, 2.0, 0.0))
+    whole = fit_platt(scores, known)
+    monkeypatch.setattr(platt, "MOST_UNKNOWN", 500)
+    thinned = fit_platt(scores, known)
+    assert thinned != whole
+    assert thinned.slope == pytest.approx(whole.slope, rel=0.02)
+    assert thinned.offset == pytest.approx(whole.offset, rel=0.02)
 
 
 def test_what_cannot_have_a_probability_is_refused() -> None:

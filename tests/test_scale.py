@@ -35,6 +35,14 @@ def test_scores_of_other_units_have_the_same_log_odds(unit: float) -> None:
         assert again.offset == pytest.approx(fit.offset, abs=1e-3)
 
 
+def test_corruptions_have_ends_among_all_entities() -> None:
+    one = random_embedding(1, 50, 1, 4, model=make_model("distmult", {}, ""))
+    one.entity[:, :4] = 0.0
+    triples = torch.stack([torch.arange(4, 50), torch.zeros(46).long(), torch.arange(4, 50)], 1)
+    _, wrong = _known_and_corrupted(one, triples)
+    assert (wrong != 0).double().mean() > 0.8
+
+
 def test_a_scale_is_fitted_better_than_chance_and_not_with_logistic_loss() -> None:
     one = theta()
     fit = fit_scale(one, KNOWN, "self-adversarial")
