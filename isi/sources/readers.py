@@ -36,6 +36,7 @@ SEPARATORS = {".csv": ",", ".tsv": TAB, ".txt": TAB}
 FORMS = {b"PAR1": "Parquet", b"ARRO": "Feather", b"FEA1": "Feather"}
 #: Descriptions of counts.
 HEADERLESS = "lines without a header, read as head, relation, tail; the first: {}"
+NAMES_OF_HEADER = 2  #: A first line with as many names of columns is a header.
 PERHAPS_TRIPLE = "first line read as a header, though other lines have its words: {}"
 #: Errors that reading a broken file raises, beside those of pyarrow.
 UNREADABLE = (OSError, EOFError, ValueError, zlib.error)
@@ -285,8 +286,8 @@ def _header(
     may_lack: bool,
 ) -> tuple[list[str], bool]:
     """The names of the columns of a table, and whether its first row has them: other names of
-    ``TRIPLE`` are replaced, and three values that are no names of columns are a triple if the table
-    ``may_lack`` a header.
+    ``TRIPLE`` are replaced, and three values, of which at most one is the name of a column, are a
+    triple if the table ``may_lack`` a header.
     """
     known, has_triples = (*required, *optional), set(TRIPLE) <= set(required)
     names = known_columns(first) if has_triples else [name.strip().lower() for name in first]
@@ -294,7 +295,8 @@ def _header(
     is_whole = set(required) <= set(known_names) and len(set(known_names)) == len(known_names)
     if is_whole and (others or known_names == names):
         return names, True
-    if may_lack and len(first) == len(TRIPLE) and not set(names) <= set(KNOWN):
+    of_columns = sum(name in KNOWN for name in names)
+    if may_lack and len(first) == len(TRIPLE) and of_columns < NAMES_OF_HEADER:
         return list(TRIPLE), False
     expected = f"expected the columns {', '.join(required)} {OTHER_NAMES * has_triples}".strip()
     expected += f" and optionally {', '.join(optional)}" * bool(optional)
