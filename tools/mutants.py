@@ -12,6 +12,13 @@ from tools.docs import record, this_run, write_table
 
 #: Result of a mutant by the exit status in mutmut's files; any other status: killed.
 FATES = {0: "alive", 5: "run by no test", 33: "run by no test", None: "not tried", 34: "not tried"}
+#: Columns of the table; the share killed is of those that were tried.
+SHOWN = ("killed", "alive", "run by no test", "not tried")
+
+
+def tried(count: Counter[str]) -> int:
+    """The number of mutants that were tried."""
+    return count.total() - count["not tried"]
 
 
 def main() -> None:
@@ -33,10 +40,10 @@ def main() -> None:
     table = pd.DataFrame(
         [
             {"code": name, "mutants": f"{count.total():,}"}
-            | {fate: f"{count[fate]:,}" for fate in ("killed", "alive", "run by no test")}
-            | {"share killed": f"{100 * count['killed'] / count.total():.1f} %"}
+            | {fate: f"{count[fate]:,}" for fate in SHOWN}
+            | {"share killed": f"{100 * count['killed'] / tried(count):.1f} %"}
             for name, count in counts.items()
-            if count
+            if tried(count)
         ]
     )
     write_table("mutants", table)
