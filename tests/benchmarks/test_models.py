@@ -143,6 +143,7 @@ def theirs(name: str, umls: UMLS) -> float:
 
 @pytest.mark.parametrize("name", PYKEEN)
 def test_umls(benchmark: Any, name: str, umls: UMLS, session: Session) -> None:
+    benchmark.group = "umls"
     embedding = benchmark.pedantic(ours, args=(name, session), rounds=1)
     model_class, options, *_ = PYKEEN[name]
     model = as_pykeen(embedding, model_class(triples_factory=umls.training, **options))
@@ -152,7 +153,6 @@ def test_umls(benchmark: Any, name: str, umls: UMLS, session: Session) -> None:
         model.score_hrt(umls.testing.mapped_triples)[:, 0].detach(), scores, rtol=1e-3, atol=1e-3
     )
     own, other = mean_reciprocal_rank(model, umls, umls.testing.mapped_triples), theirs(name, umls)
-    benchmark.group = "umls"
     benchmark.extra_info.update(
         model=model_class.__name__, isi=own, pykeen=other, triples=len(head)
     )

@@ -100,13 +100,13 @@ def measured(embedding: Embedding, session: Session, split: int) -> tuple[float,
 
 @pytest.mark.parametrize("name", SETTINGS)
 def test_thor_u(benchmark: Any, name: str, session: Session) -> None:
+    benchmark.group = "thor_u"
     embedding = benchmark.pedantic(trained, args=(name, session), rounds=1)
     setting, valid, test = (
         SETTINGS[name],
         measured(embedding, session, VALID),
         measured(embedding, session, TEST),
     )
-    benchmark.group = "thor_u"
     triples = int((session.splits[0] == TEST).sum())
     benchmark.extra_info.update(
         model=setting.label, triples=triples, published=setting.published, valid=valid, test=test
