@@ -245,6 +245,7 @@ def test_prose_has_values_ranges_and_texts_of_tables(tmp_path: Path) -> None:
     assert tables.span("u", "MRR") == "–"
     assert tables.quoted("t", "claim", in_it="no") == "“a”, “c”"
     assert tables.count("t", "claim", in_it="no") == 2
+    assert tables.span("t", "MRR", claim=["a", "b"]) == "1 to 2"
 
 
 def test_noise_is_not_drawn_large_and_no_axis_is_below_0() -> None:

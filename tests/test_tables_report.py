@@ -146,7 +146,8 @@ def test_parts_sum_to_the_gain() -> None:
     )
     bars = frame(results.answer_parts(of(home(rows))))
     bars = bars[bars["scope"] == "novel"].set_index("part")
-    assert bars.loc["centre", ["start", "end"]].tolist() == pytest.approx([40, 50])
+    assert bars.loc["centre", ["start", "end", "adds"]].tolist() == pytest.approx([40, 50, 10])
+    assert np.isnan(bars.loc["ES", "adds"])
     assert bars["end"].iloc[2] == pytest.approx(bars.loc["ES", "end"])
 
 
@@ -362,6 +363,7 @@ def test_the_best_number_of_indicators_has_an_interval_of_numbers_that_were_run(
         (38.2, (40.3, 38.24, 42.3), "yes"),  # 38.24 would be printed as 38.2
         (0, (0, 0, 0), "yes"),
         (1, (0, NAN, NAN), ""),
+        (NAN, (0, 0, 1), ""),
     ],
 )
 def test_a_result_is_inside_to_the_digit_that_is_printed(
@@ -381,7 +383,7 @@ PRINTED = {
         "all_queries": {"xavier": 50.6},
         "novel_queries": {"es": 85.7},
         "drop": {"xavier": 37.0},
-        "epochs": {"xavier": 90.0},
+        "epochs": {"xavier": 90.0, "es": 0},
     },
 }
 
@@ -403,20 +405,27 @@ def test_each_result_of_the_paper_has_a_row_and_what_is_outside_is_listed() -> N
     made = of(experiment, params=params, paper=PRINTED, models=labels)
     experiment.__dict__.update(sweep=None)
     table = frame(paper.paper_results(made)).set_index(["kind", "whose"])
-    assert len(table) == 1 + 1 + 1 + 2 + 3 + 1 + 1 + 1 + 1
+    assert len(table) == 1 + 1 + 1 + 2 + 3 + 1 + 1 + 1 + 2
+    none = table.loc["transfer: epochs to convergence", "ES"]
+    assert np.isnan(none["paper"])
+    assert none["inside"] == ""
     gain = table.loc["gain over Xavier (%)", "ES"]
     assert gain[["paper", "ours"]].tolist() == pytest.approx([41.4, 100 * (0.605 / 0.405 - 1)])
     assert table.loc[("epochs to convergence", "Xavier"), ["ours", "inside"]].tolist() == [3, "no"]
     assert table["today's graph"].isna().all()
     counts = frame(paper.inside_by_kind(made)).set_index("results")
     listed = frame(paper.unexplained(made))
-    assert counts.loc["all", "number"] == len(table)
+    # no number of ES's epochs after transfer is printed, and one number of indicators is of all
+    assert counts.loc["all", "number"] == len(table) - 1 - 2
     outside = (table["inside"] == "no") & (table["inside in it"] != "yes")
     assert len(listed) == outside.sum()
     forms = table["other form"].groupby("kind").first()
-    assert forms[["transfer: weighted", "epochs to convergence"]].tolist() == [
+    assert forms[
+        ["transfer: weighted", "epochs to convergence", "gain over Xavier (%)"]
+    ].tolist() == [
         "by the paper's weights",
         "runs that end",
+        "mean of the sizes' gains",
     ]
     apart = listed.set_index(["kind", "whose"]).loc[("epochs to convergence", "Xavier")]
     assert apart[["ours minus the paper's", "half-widths away"]].tolist() == [-97, 97 / 0.05]
@@ -435,29 +444,95 @@ def printed_results(**ours: tuple[float, float, float]) -> pd.DataFrame:
     return made.assign(**{"inside": inside, "inside in it": "", "today's graph": 3.25})
 
 
+def paired(**bounds: tuple[float, float]) -> pd.DataFrame:
+    """Paired differences of each name from Xavier, and of Xavier from IU, as ``differences``."""
+    rows = [("MRR, weighted", name, "Xavier", *ends) for name, ends in bounds.items()]
+    rows += [("MRR, weighted", "IU", name, -2.0, -1.0) for name in bounds]
+    return pd.DataFrame(
+        rows, columns=["measure", "first", "second", "difference low", "difference high"]
+    )
+
+
 @pytest.mark.parametrize(
-    ("es", "holds", "verdict"),
+    ("es", "minus", "order", "numbers", "verdict"),
     [
-        ((41.0, 39.0, 43.0), "6 of 6", "repeated"),
-        ((20.0, 10.0, 30.0), "5 of 6", "partly"),  # the order alone
-        ((20.0, -10.0, 50.0), "5 of 6", "partly"),  # the number alone
+        ((41.0, 39.0, 43.0), (1.0, 2.0), "6 of 6", "3 of 3", "repeated"),
+        ((20.0, 10.0, 30.0), (1.0, 2.0), "6 of 6", "2 of 3", "partly"),
+        ((41.0, 39.0, 43.0), (-1.0, 2.0), "5 of 6", "3 of 3", "partly"),
     ],
 )
 def test_a_claim_has_a_verdict_by_its_orders_and_numbers(
-    es: tuple[float, float, float], holds: str, verdict: str
+    es: tuple[float, float, float],
+    minus: tuple[float, float],
+    order: str,
+    numbers: str,
+    verdict: str,
 ) -> None:
     both = dict.fromkeys(("RS", "ERS"), (40.0, 39.0, 41.0))
-    (row,) = frame(claims.judged(printed_results(ES=es, **both))).to_dict("records")
-    assert [row["holds"], row["verdict"]] == [holds, verdict]
-    assert [row["whose"], row["paper"]] == ["ES, RS, ERS", "40, 40, 40"]
+    pairs = paired(ES=minus, RS=(1.0, 2.0), ERS=(1.0, 2.0))
+    seeds = {"experiments.paper.sessions.seeds": "30", "experiments.ai2thor.sessions.seeds": "5"}
+    (row,) = frame(claims.judged(printed_results(ES=es, **both), pairs, seeds)).to_dict("records")
+    assert [row["order"], row["numbers"], row["verdict"]] == [order, numbers, verdict]
+    assert [row["method"], row["paper"], row["seeds"]] == ["ES, RS, ERS", "40, 40, 40", "30"]
     assert row["the paper's graph"] == f"{es[0]:.0f}, 40, 40"
     assert row["today's graph"] == "3.2, 3.2, 3.2"
 
 
-def test_nothing_that_holds_is_not_repeated_and_an_open_claim_has_no_row() -> None:
-    below = dict.fromkeys(("ES", "RS", "ERS"), (-5.0, -9.0, -1.0))
-    assert frame(claims.judged(printed_results(**below)))["verdict"].tolist() == ["not"]
+def test_an_open_claim_has_no_row() -> None:
     assert claims.judged(printed_results(ES=(40.0, 39.0, 41.0))) is None
+
+
+@pytest.mark.parametrize(
+    ("order", "numbers", "found"),
+    [
+        ([True, None], [True], "partly"),
+        ([None, None], [True, False], "undecided"),
+        ([None, False], [False], "not repeated"),
+        ([False], [], "not repeated"),
+        ([], [True], "repeated"),
+        ([True], [False], "partly"),
+    ],
+)
+def test_a_verdict_is_open_if_no_pair_has_either_order(
+    order: list[bool | None], numbers: list[bool], found: str
+) -> None:
+    assert claims.verdict(order, numbers) == found
+
+
+def test_a_pair_has_its_order_by_the_paired_interval_or_else_by_both() -> None:
+    names = ["ES", "RS", "IU"]
+    of_kind = pd.DataFrame({"ours low": [3, 1, 0.0], "ours high": [4, 3.5, 0.5]}, names)
+    assert claims.standing(("ES", "IU"), of_kind, {}) is True
+    assert claims.standing(("IU", "ES"), of_kind, {}) is False
+    assert claims.standing(("ES", "RS"), of_kind, {}) is None
+    assert claims.standing((5.0, "ES"), of_kind, {}) is True
+    assert claims.standing(("ES", "none"), of_kind, {}) is None
+    bounds = claims.bounds_of(paired(RS=(1.0, 2.0)), "MRR, weighted")
+    assert claims.standing(("RS", "Xavier"), of_kind, bounds) is True
+    assert claims.standing(("Xavier", "RS"), of_kind, bounds) is False
+    assert claims.bounds_of(None, "MRR, weighted") == {}
+
+
+def test_one_number_of_all_methods_counts_once() -> None:
+    names = ["Xavier", "ES", "RS", "ERS"]
+    values = {"inside": ["no", "yes", "no", "yes"], "inside in it": ["yes", "", "", ""]}
+    of_kind = pd.DataFrame(values, names)
+    assert claims.within(of_kind) == [True, True, False, True]
+    assert claims.within(of_kind, once=True) == [True, False]
+
+
+def test_a_count_is_inside_if_it_is_equal_and_answers_have_the_papers_counts() -> None:
+    keys = [(claims.PICKED, "ES"), (claims.PICKED, "RS"), (claims.RIGHT, "ES")]
+    ours = {name: [8.0, 2.0, 12.0] for name in ("ours", "ours low", "ours high")}
+    rows = pd.DataFrame(keys, columns=["kind", "whose"]).assign(**ours, paper=NAN, inside=None)
+    theirs = {
+        "immediate": {"improvement_over_xavier": {"es": 41.4}},
+        "indicators": {"es": 8, "rs": 18},
+        "affordances": {"isi": 12, "xavier": 5},
+    }
+    found = claims.printed(rows, theirs)
+    assert found["paper"].tolist() == [8, 18, 12]
+    assert found["inside"].tolist() == ["yes", "no", None]
 
 
 def with_bounds(name: str, values: Mapping[str, float]) -> pd.DataFrame:
@@ -470,26 +545,30 @@ def with_bounds(name: str, values: Mapping[str, float]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def test_bounds_of_what_the_paper_does_not_print_are_those_of_both_parts() -> None:
-    gained = with_bounds("gain, %", {"ES": 40, "RS": 20, "ERS": 0.5, "Mean": 20})
-    beyond = claims.beyond_the_centre(gained)
-    assert beyond.loc["ES", "ours"] == pytest.approx(50)
-    assert beyond.loc["ES", "ours low"] == pytest.approx(100 * (1 - 21 / 39))
-    assert beyond.loc["RS", ["ours low", "ours high"]].tolist() == pytest.approx(
-        [100 * (1 - 21 / 19), 100 * (1 - 19 / 21)]
-    )
-    assert beyond.loc["ERS", ["ours", "ours low"]].isna().all()  # it may gain nothing
-    swept = pd.concat([with_bounds("epochs", {"ES": epochs, "RS": 4}) for epochs in (30, 1, 10)])
+def test_bounds_of_what_is_computed_for_a_claim_are_those_of_its_parts() -> None:
+    gained = with_bounds("gain, %", {"ES": 40, "RS": 20, "ERS": 60, "Mean": 20})
+    mean = claims.mean_gain(gained).loc["as printed", ["ours", "ours low", "ours high"]]
+    assert mean.tolist() == [40, 39, 41]
+    assert claims.mean_gain(gained.head(1))["ours"].isna().all()
+    parts = [
+        with_bounds("epochs", {"ES": epochs, "RS": 4}).assign(indicators=number)
+        for number, epochs in ((1, 99), (claims.FEW, 30), (9, 1), (claims.MOST, 10))
+    ]
+    swept = pd.concat(parts)
     fewer = claims.fewer_with_more(swept)
     assert fewer.loc["ES", ["ours", "ours low", "ours high"]].tolist() == [20, 18, 22]
     assert fewer.loc["RS", "ours"] == 0
+    sizes = pd.DataFrame({"initializer": ["ES", "RS"], "picked by the rule": [8, 2]})
+    assert claims.picked(sizes)["ours"].tolist()[:2] == [8, 2]
+    moved = with_bounds("known: drop, %", {"ES": 2, "Xavier": 30})
+    moved = moved.rename(columns={"initializer": "model"})
+    assert claims.drops(moved).loc["ES", ["ours", "ours low", "ours high"]].tolist() == [2, 1, 3]
     answers = pd.DataFrame({"ES": ["open", "? push"], "Xavier": ["× shelf", "open"]})
     right = claims.right_answers(answers)["ours"]
     assert right[["ES", "Xavier"]].tolist() == [2, 1]
     assert right[["RS", "ERS"]].isna().all()
     assert claims.right_answers(answers.head(0))["ours"].isna().all()
     assert claims.fewer_with_more(swept.head(0))["ours"].isna().all()
-    assert claims.beyond_the_centre(gained.head(0))["ours"].isna().all()
 
 
 def test_the_measure_decides_by_one_change_at_a_time() -> None:

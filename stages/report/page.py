@@ -174,12 +174,15 @@ class PageTables:
             return pd.read_csv(path)
 
     def values(self, name: str, column: str, /, **where: Any) -> list[Any]:
-        """The values of a column in the rows with these values; none without the table."""
+        """The values of a column in the rows with these values (a list: with one of them); none
+        without the table.
+        """
         frame = self.get(name)
         if frame is None or column not in frame:
             return []
         for key, value in where.items():
-            frame = frame[frame[key.replace("_", " ")].astype(str) == str(value)]
+            options = [str(each) for each in (value if isinstance(value, list) else [value])]
+            frame = frame[frame[key.replace("_", " ")].astype(str).isin(options)]
         return list(frame[column].dropna())
 
     def number(self, name: str, column: str, first: str = "", /, **where: Any) -> Markup:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from math import nan
+from math import isnan, nan
 from pathlib import Path
 from typing import Any
 
@@ -100,7 +100,7 @@ class PaperResult:
     kind: str
     place: str  #: in the paper
     model: str
-    paper: float
+    paper: float  #: null where the paper prints none
     statistic: str  #: a method of ``Statistics``, or ``best_indicators``
     extended: bool  #: whether it is of the transfer
 
@@ -109,6 +109,8 @@ class PaperResult:
         """A second form of the statistic in words; empty without one."""
         if self.statistic == "weighted":
             return "by the paper's weights"
+        if self.statistic == "gain":
+            return "mean of the sizes' gains"
         return "runs that end" if self.statistic in OF_EPOCHS else ""
 
     def measured(self, results: Results, papers: bool, other: bool = False) -> Estimate:
@@ -127,7 +129,7 @@ class PaperResult:
         if other and name in OF_EPOCHS:
             statistics = statistics.ended
         elif other:
-            name = "by_papers_share"
+            name = "gain_by_size" if name == "gain" else "by_papers_share"
         estimate: Estimate = getattr(statistics, name)(self.model)
         return estimate
 
@@ -140,7 +142,7 @@ def _statistics(experiment: Experiment) -> Statistics:
 def results_of(paper: Mapping[str, Any]) -> list[PaperResult]:
     """The results that the paper prints, from its numbers."""
     printed = list[PaperResult]()
-    for entry in config.read(_RESULTS)["results"]:
+    for entry in _entries():
         values = value_of(paper, entry["key"])
         numbers = values if isinstance(values, dict) else dict.fromkeys(entry["models"], values)
         for name, number in numbers.items():
@@ -150,12 +152,19 @@ def results_of(paper: Mapping[str, Any]) -> list[PaperResult]:
                 kind=entry["kind"],
                 place=entry["place"],
                 model=model,
-                paper=float(number[entry["part"]] if "part" in entry else number),
+                paper=float(number[entry["part"]] if "part" in entry else number)
+                if name in entry.get("printed", numbers)
+                else nan,
                 statistic=entry["statistic"],
                 extended=entry.get("extended", False),
             )
             printed.append(result)
     return printed
+
+
+def _entries() -> list[dict[str, Any]]:
+    entries: list[dict[str, Any]] = config.read(_RESULTS)["results"]
+    return entries
 
 
 @table("report")
@@ -184,23 +193,33 @@ def paper_results(results: Results) -> pd.DataFrame:
 
 def inside(paper: float, ours: Estimate) -> str:
     """Whether the paper's number lies within our interval, to the digit that it prints; empty
-    without an interval.
+    without an interval, or where it prints none.
     """
     _, low, high = ours
-    if not low <= high:
+    if not low <= high or isnan(paper):
         return ""
     return "yes" if low - PRINTED <= paper <= high + PRINTED else "no"
 
 
 @table("report")
 def inside_by_kind(results: Results) -> pd.DataFrame:
-    """How many of the results that the paper prints are inside our intervals, by kind."""
-    frame = paper_results(results)
+    """How many of the numbers that the paper prints are inside our intervals, by kind; one number
+    of several models is inside if it is for each of them.
+    """
+    return counted(paper_results(results))
+
+
+def counted(frame: pd.DataFrame) -> pd.DataFrame:
+    """``inside_by_kind`` of the rows of ``paper_results``."""
+    frame = frame[frame["paper"].notna()]
     first, other = frame["inside"] == "yes", frame["inside in it"] == "yes"
-    within = pd.DataFrame({"inside": first, "inside in either form": first | other})
+    within = pd.DataFrame({"inside": first, "inside in either form": first | other}).astype(int)
+    within.insert(0, "number", 1)
     groups = within.groupby(frame["kind"], sort=False)
-    counts = groups.sum()
-    counts.insert(0, "number", groups.size())
+    counts, of_all = groups.sum(), groups.min()
+    once = [entry["kind"] for entry in _entries() if "models" in entry]
+    once = [kind for kind in once if kind in counts.index]
+    counts.loc[once] = of_all.loc[once]
     counts.loc["all"] = counts.sum()
     return counts.astype(int).rename_axis("results").reset_index()
 

@@ -138,7 +138,7 @@ def steps(method: str, models: Sequence[str]) -> list[tuple[str, str, str]]:
 @of_each("standalone")
 def answer_parts(_: Results, experiment: Experiment) -> pd.DataFrame | None:
     """What the gain of the best of ISI consists of, in both groups together and about novel
-    entities: bars from ``start`` to ``end`` in points.
+    entities: bars from ``start`` to ``end`` in points, and what each part adds.
     """
     best = best_method(experiment)
     if best is None or BASELINE not in experiment.initializers:
@@ -153,7 +153,9 @@ def answer_parts(_: Results, experiment: Experiment) -> pd.DataFrame | None:
         others = means[experiment.models.of_role(initializers, "baseline", "own")]
         for name in (best, *others.nlargest(1).index, JOINT_MODEL):
             rows.append((scope, labels[name], means[name], means[name]))
-    return pd.DataFrame(rows, columns=["scope", "part", "start", "end"])
+    frame = pd.DataFrame(rows, columns=["scope", "part", "start", "end"])
+    adds = (frame["end"] - frame["start"]).where(frame["end"] != frame["start"])
+    return frame.assign(adds=adds)
 
 
 def best_method(runs: Runs) -> str | None:
@@ -257,7 +259,9 @@ def transfer_immediate(results: Results, experiment: Experiment) -> pd.DataFrame
             of_model = epochs.loc[model]
             row |= named(of_model, "mean", "epochs: mean")
             row["epochs: do not end"] = of_model["do not end"]
-            row["epochs: paper"] = theirs.get("epochs", {}).get(model)
+            # it prints those of Xavier alone; none of the others is our reading of its words
+            printed = theirs.get("epochs", {}) if model == BASELINE else {}
+            row["epochs: paper"] = printed.get(model)
         rows.append(row)
     return pd.DataFrame(rows)
 
