@@ -524,7 +524,7 @@ def test_one_number_of_all_methods_counts_once() -> None:
 def test_a_count_is_inside_if_it_is_equal_and_answers_have_the_papers_counts() -> None:
     keys = [(claims.PICKED, "ES"), (claims.PICKED, "RS"), (claims.RIGHT, "ES")]
     ours = {name: [8.0, 2.0, 12.0] for name in ("ours", "ours low", "ours high")}
-    rows = pd.DataFrame(keys, columns=["kind", "whose"]).assign(**ours, paper=NAN, inside=None)
+    rows = pd.DataFrame(keys, columns=["kind", "whose"]).assign(**ours, paper=NAN, inside="")
     theirs = {
         "immediate": {"improvement_over_xavier": {"es": 41.4}},
         "indicators": {"es": 8, "rs": 18},
@@ -532,7 +532,7 @@ def test_a_count_is_inside_if_it_is_equal_and_answers_have_the_papers_counts() -
     }
     found = claims.printed(rows, theirs)
     assert found["paper"].tolist() == [8, 18, 12]
-    assert found["inside"].tolist() == ["yes", "no", None]
+    assert found["inside"].tolist() == ["yes", "no", ""]
 
 
 def with_bounds(name: str, values: Mapping[str, float]) -> pd.DataFrame:
