@@ -79,7 +79,7 @@ def test_what_a_user_adds_goes_from_its_files_to_the_report(tmp_path: Path, dvc:
     workspace.make(tmp_path, changes)
     for addition, name in MODULES.items():
         (tmp_path / name).write_text(documented.code(f"own {addition}"), encoding="utf-8")
-    entry, before = documented.block("own table entry", "yaml"), "    - name: graph_totals\n"
+    entry, before = documented.block("own table entry", "yaml"), "    - name: measure_decides\n"
     replace_once(tmp_path / "stages/report/items.yaml", before, f"{entry}{before}")
     stage = documented.block("own stage dvc", "yaml").removeprefix("stages:\n")
     replace_once(tmp_path / "dvc.yaml", "\nplots:\n", f"\n{stage}\nplots:\n")
