@@ -192,13 +192,13 @@ def printed(rows: pd.DataFrame, paper: Mapping[str, Any]) -> pd.DataFrame:
     theirs = pd.Series([numbers.get(key) for key in keys], rows.index, dtype=float)
     counted = {(PICKED, name) for name in ISI} | {(ON_AVERAGE, "as printed")}
     bounds = [rows[f"ours{end}"] for end in ENDS]
-    found = [
+    inside = [
         inside(number, ours) if key in counted and number == number else old
         for key, number, ours, old in zip(
             keys, theirs, zip(*bounds, strict=True), rows["inside"], strict=True
         )
     ]
-    return rows.assign(paper=rows["paper"].fillna(theirs), inside=found)
+    return rows.assign(paper=rows["paper"].fillna(theirs), inside=inside)
 
 
 def judged(
@@ -265,8 +265,8 @@ def _bounds(one: str | float, of_kind: pd.DataFrame) -> tuple[float, float]:
     """The interval of a name, or of a number."""
     if not isinstance(one, str):
         return one, one
-    found = of_kind.reindex([one]).iloc[0]
-    return float(found["ours low"]), float(found["ours high"])
+    result = of_kind.reindex([one]).iloc[0]
+    return float(result["ours low"]), float(result["ours high"])
 
 
 def within(of_kind: pd.DataFrame, once: bool = False) -> list[bool]:
@@ -274,11 +274,11 @@ def within(of_kind: pd.DataFrame, once: bool = False) -> list[bool]:
     one for ES, RS and ERS, which has to lie within all.
     """
     known = of_kind[of_kind["inside"].isin(["yes", "no"])]
-    found = (known["inside"] == "yes") | (known["inside in it"] == "yes")
-    of_all = found.index.isin(ISI)
+    holds = (known["inside"] == "yes") | (known["inside in it"] == "yes")
+    of_all = holds.index.isin(ISI)
     if once and of_all.any():
-        return [*found[~of_all], bool(found[of_all].all())]
-    return list(found)
+        return [*holds[~of_all], bool(holds[of_all].all())]
+    return list(holds)
 
 
 def share(checks: Sequence[bool]) -> str:
