@@ -192,13 +192,13 @@ def printed(rows: pd.DataFrame, paper: Mapping[str, Any]) -> pd.DataFrame:
     theirs = pd.Series([numbers.get(key) for key in keys], rows.index, dtype=float)
     counted = {(PICKED, name) for name in ISI} | {(ON_AVERAGE, "as printed")}
     bounds = [rows[f"ours{end}"] for end in ENDS]
-    inside = [
+    is_inside = [
         inside(number, ours) if key in counted and number == number else old
         for key, number, ours, old in zip(
             keys, theirs, zip(*bounds, strict=True), rows["inside"], strict=True
         )
     ]
-    return rows.assign(paper=rows["paper"].fillna(theirs), inside=inside)
+    return rows.assign(paper=rows["paper"].fillna(theirs), inside=is_inside)
 
 
 def judged(
@@ -256,16 +256,16 @@ def standing(
     if pair in paired:
         low, high = paired[pair]
     else:
-        (low, high), (least, most) = (_bounds(one, of_kind) for one in pair)
+        (low, high), (least, most) = (_bounds(side, of_kind) for side in pair)
         low, high = low - most, high - least
     return True if low > 0 else False if high < 0 else None
 
 
-def _bounds(one: str | float, of_kind: pd.DataFrame) -> tuple[float, float]:
+def _bounds(side: str | float, of_kind: pd.DataFrame) -> tuple[float, float]:
     """The interval of a name, or of a number."""
-    if not isinstance(one, str):
-        return one, one
-    result = of_kind.reindex([one]).iloc[0]
+    if not isinstance(side, str):
+        return side, side
+    result = of_kind.reindex([side]).iloc[0]
     return float(result["ours low"]), float(result["ours high"])
 
 
