@@ -1,8 +1,8 @@
 """Read thousands of changed files, and write the counts of outcomes to docs/benchmarks/fuzz.csv
 (the run to runs.csv beside it): ``make fuzz``.
 
-Faults (files neither read nor refused in one line within 10 s and 2 GiB) go to .fuzz/, and the exit
-status is then 1.
+Faults (files neither read nor refused in one line within 10 s of processor time, giants within
+20 s, and 2 GiB) go to .fuzz/, and the exit status is then 1.
 
 python -m tools.fuzz [--inputs 10000] [--out FILE]
 """

@@ -10,6 +10,7 @@ from tools.fuzz.giants import GIANTS, giant
 from tools.fuzz.worker import Outcome, Worker
 
 OF_GIANTS = "giants: a million objects, rows or levels"
+GIANT_SECONDS = 20  #: Of processor time, for each of them.
 
 
 def read_changed(name: str, inputs: int, root: int, worker: Worker) -> list[Outcome]:
@@ -41,7 +42,8 @@ def read_giant(title: str, worker: Worker) -> Outcome:
 
 def outcomes_of(name: str, inputs: int) -> list[Outcome]:
     """All outcomes of a row of the table, with a new process for reading."""
-    with Worker() as worker:
-        if name == OF_GIANTS:
+    if name == OF_GIANTS:
+        with Worker(GIANT_SECONDS) as worker:
             return [read_giant(title, worker) for title in GIANTS]
+    with Worker() as worker:
         return read_changed(name, inputs, 0, worker)
