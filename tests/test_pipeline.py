@@ -285,7 +285,8 @@ def test_every_result_of_the_paper_has_a_row_beside_ours(folder: Path) -> None:
         paper["convergence"],
         paper["transfer"],
     ]
-    results = [leaf for part in printed for leaf in leaves(part)]
+    # that the others need no epochs after the transfer is read out of a sentence about Xavier
+    results = [leaf for part in printed for leaf in leaves(part) if leaf]
     for number, times in pd.Series(results).value_counts().items():
         assert shown.get(number, 0) >= times, number
     runs = pd.read_parquet(folder / "data/runs/transfer/es.parquet")
