@@ -24,14 +24,19 @@ OTHERS = 0.5
 NAMED = 5  #: Maximum number of differences that are named.
 
 
-def text_of(name: str, root: Path = ROOT) -> str | None:
-    """The text of a file in the last commit; None without git, a repository, or the file in it."""
-    command = ["git", "show", f"HEAD:./{name}"]
+def git(*arguments: str, root: Path = ROOT) -> str | None:
+    """What git prints about a folder; None without git, a repository, or what is asked for."""
+    command = ["git", *arguments]
     try:
-        shown = subprocess.run(command, cwd=root, capture_output=True, check=True)
+        done = subprocess.run(command, cwd=root, capture_output=True, check=True)
     except (OSError, subprocess.CalledProcessError):
         return None
-    return shown.stdout.decode("utf-8")
+    return done.stdout.decode("utf-8")
+
+
+def text_of(name: str, root: Path = ROOT) -> str | None:
+    """The text of a file in the last commit; None without git, a repository, or the file in it."""
+    return git("show", f"HEAD:./{name}", root=root)
 
 
 def against_commit(name: str, root: Path = ROOT) -> str:

@@ -44,8 +44,8 @@ import pandas as pd
 
 from isi.config import read, value_of
 from isi.process import errors_in_one_line
+from tools.committed import ROOT, git
 
-ROOT = Path(__file__).parent.parent
 BENCHMARKS = ROOT / "docs" / "benchmarks"
 PLACE = re.compile(r"(<!-- (table|value): ([^>]+?) -->)(.*?)(<!-- end -->)", re.DOTALL)
 BLOCK = re.compile(r"(?<=^```console\n)(.*?)(?=^```)", re.DOTALL | re.MULTILINE)
@@ -208,8 +208,8 @@ def write_table(name: str, table: pd.DataFrame) -> None:
 def this_run() -> dict[str, str]:
     """Date, version, commit and machine of a run that starts now; its tables change no commit."""
     day = datetime.now(UTC)
-    code = _git("rev-parse", "--short=8", "HEAD") or "unknown"
-    changed = _git("status", "--porcelain", "--untracked-files=no", "--", ".", ":!docs")
+    code = (git("rev-parse", "--short=8", "HEAD") or "unknown").strip()
+    changed = git("status", "--porcelain", "--untracked-files=no", "--", ".", ":!docs")
     return {
         "date": f"{day.day} {day:%B %Y}",
         "isi": version("isi-kge"),
@@ -232,16 +232,6 @@ def processor(path: Path = Path("/proc/cpuinfo")) -> str:
     told = " ".join(f"{part} {known[name]}" for part, name in numbers.items() if name in known)
     name = known.get("model name", platform.machine())
     return f"{name} ({told})" if told else name
-
-
-def _git(*arguments: str) -> str:
-    """What git prints about this folder; empty without git or a repository."""
-    command = ["git", *arguments]
-    try:
-        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
-    except OSError:
-        return ""
-    return done.stdout.strip()
 
 
 def record(run: dict[str, str], names: list[str]) -> None:

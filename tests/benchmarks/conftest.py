@@ -2,7 +2,6 @@
 and settings of all benchmarks.
 """
 
-import os
 from importlib.metadata import version
 from typing import Any
 
@@ -20,9 +19,7 @@ from stages.check_params import Params, load
 
 
 def pytest_benchmark_update_machine_info(machine_info: dict[str, Any]) -> None:
-    """Add the number of cores and the versions of packages to the description of the machine."""
-    machine_info["cores"] = os.cpu_count()
-    machine_info["isi"] = version("isi-kge")
+    """Add the versions of packages to the description of the machine."""
     machine_info["versions"] = {
         name: version(name).partition("+")[0] for name in ("torch", "torchkge", "pykeen")
     }
