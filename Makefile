@@ -43,7 +43,7 @@ beyond: $(CHECKED)  ## after repro, run the second pipeline: other embedding mod
 	@$(MAKE) --no-print-directory repro
 	@python tools/repro.py beyond/dvc.yaml
 
-quick: $(CHECKED)  ## run the pipeline on a small grid in quick/, in about five minutes (ARGS="--set initializers.es.k=4 --drop experiments.transfer" for other params)
+quick: $(CHECKED)  ## run the pipeline on a small grid in quick/, in about ten minutes (ARGS="--set initializers.es.k=4 --drop experiments.transfer" for other params)
 	@python tools/workspace.py quick $(ARGS)
 	@cd quick && python ../tools/repro.py
 	@python -m tools.headline quick/reports

@@ -9,6 +9,7 @@ import argparse
 import logging
 import time
 import warnings
+from pathlib import Path
 from typing import Any
 
 import pandas as pd
@@ -16,13 +17,14 @@ import torch
 from pykeen.models import ComplEx
 from pykeen.training import LCWATrainingLoop
 from pykeen.triples import TriplesFactory
+from scipy.stats import t
 from torch.optim import Adam
 
 import isi
 
 parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
 parser.add_argument(
-    "graphs", nargs="*", default=["umls"], help="names of PyKEEN's datasets, or codex_s"
+    "graphs", nargs="*", default=["umls"], help="names of graphs, as of `isi.benchmark.hide` (umls)"
 )
 parser.add_argument("--seeds", type=int, default=3, help="of hidden entities and training (3)")
 parser.add_argument(
@@ -30,7 +32,9 @@ parser.add_argument(
 )
 parser.add_argument("--fraction", type=float, default=0.1, help="of the entities, hidden (0.1)")
 parser.add_argument("--epochs", type=int, default=40, help="of training (40)")
-parser.add_argument("--table", help="CSV file for a row of each graph, seed, number and method")
+parser.add_argument(
+    "--tables", type=Path, help="existing folder for hidden.csv and hidden_methods.csv"
+)
 settings = parser.parse_args()
 
 #: Initializers of ``isi.pykeen.insert``; None: its default. ``retrained``: all is trained again.
@@ -63,6 +67,7 @@ def retrained(split: isi.benchmark.HiddenSplit, number: int | None, seed: int) -
 # %% The answers about the hidden entities by each method
 def answers(graph: str, seed: int) -> list[dict[str, Any]]:
     split, rows = isi.benchmark.hide(graph, fraction=settings.fraction, seed=seed), []
+    done: Any
     model = trained(split.known, seed)
     before = split.evaluate(model).earlier
     for facts in settings.facts:
@@ -70,12 +75,13 @@ def answers(graph: str, seed: int) -> list[dict[str, Any]]:
         for method in METHODS:
             begun = time.process_time()
             if method == "retrained":
-                done: Any = retrained(split, number, seed)
+                done, expected = retrained(split, number, seed), None
             else:
                 given = {"new": split.hidden, "initializer": method, "seed": seed}
                 done = isi.pykeen.insert(model, split.known, split.facts_of(number), **given)
+                expected = done.harm
             row = {"graph": graph, "seed": seed, "facts": facts, "method": method or "default"}
-            row["seconds"] = time.process_time() - begun
+            row |= {"seconds": time.process_time() - begun, "expected to be lost": expected}
             found = split.evaluate(done)
             row |= {"known ends": found.known, "hidden ones": found.hidden}
             rows.append(row | {"earlier lost": before - found.earlier})
@@ -83,6 +89,7 @@ def answers(graph: str, seed: int) -> list[dict[str, Any]]:
 
 
 # %% Means over seeds: MRR of known ends and of hidden ones, and what that of known triples loses
+MEASURES = ["known ends", "hidden ones", "earlier lost"]
 table = pd.DataFrame(
     [
         row
@@ -90,8 +97,34 @@ table = pd.DataFrame(
         for seed in range(settings.seeds)
         for row in answers(graph, seed)
     ]
-)
-means = table.groupby(["graph", "facts", "method"], sort=False).mean().drop(columns="seed")
-print(means.round(3).to_string())
-if settings.table:
-    table.round(4).to_csv(settings.table, index=False)
+).astype({"expected to be lost": float})
+groups = table.groupby(["graph", "facts", "method"], sort=False)
+means = groups[[*MEASURES, "expected to be lost", "seconds"]].mean()
+# half of a 95 % interval of the mean over seeds (Student's t)
+halves = groups[MEASURES].sem() * t.ppf(0.975, settings.seeds - 1)
+methods = means.join(halves.add_suffix(": ±")).round(3)
+print(methods.to_string())
+
+
+# %% The default beside the best named initializer and the retrained model
+def compared(facts: pd.DataFrame) -> pd.Series:
+    rows = facts.droplevel(["graph", "facts"])
+    named = rows.drop(index=["default", "retrained"])["known ends"].idxmax()
+    whose = {"default": "default", "best named": named, "retrained": "retrained"}
+    expected = rows.loc["default", "expected to be lost"]
+    cells = {"best named is": named, "default: expected to lose": f"{expected:.3f}"}
+    for title, method in whose.items():
+        row = rows.loc[method]
+        cells[title] = f"{row['known ends']:.3f} ± {row['known ends: ±']:.3f}"
+        cells[f"{title}: loses"] = f"{row['earlier lost']:.3f} ± {row['earlier lost: ±']:.3f}"
+    return pd.Series(cells)
+
+
+summary = pd.DataFrame(
+    {key: compared(facts) for key, facts in methods.groupby(level=[0, 1], sort=False)}
+).T
+summary.index.names = ["graph", "facts"]
+print(summary.to_string())
+if settings.tables:
+    summary.to_csv(settings.tables / "hidden.csv")
+    methods.to_csv(settings.tables / "hidden_methods.csv")

@@ -114,12 +114,16 @@ def test_a_study_of_hidden_entities_has_a_row_for_each_method(
     run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("pykeen")
-    asked = ["nations", "--seeds", "1", "--facts", "1", "--epochs", "2", "--table", "study.csv"]
+    asked = ["nations", "--seeds", "1", "--facts", "1", "--epochs", "2", "--tables", "."]
     monkeypatch.setattr("sys.argv", ["hidden_study.py", *asked])
     left, printed = run("hidden_study.py")
-    written = pd.read_csv("study.csv")
+    written = pd.read_csv("hidden_methods.csv")
     assert written["method"].tolist() == ["default", *left["METHODS"][1:]]
     assert written["known ends"].between(0, 1).all()
+    summary = pd.read_csv("hidden.csv")
+    named = written[~written["method"].isin(["default", "retrained"])]
+    assert summary["best named is"].item() in named["method"].tolist()
+    assert float(summary["best named"].item().split()[0]) == named["known ends"].max()
     assert "earlier lost" in printed
 
 

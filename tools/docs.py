@@ -33,10 +33,10 @@ import sqlite3
 import subprocess
 import sys
 import tempfile
+import tomllib
 from collections.abc import Callable
 from contextlib import closing
 from datetime import UTC, datetime
-from importlib.metadata import version
 from itertools import zip_longest
 from pathlib import Path
 
@@ -208,11 +208,12 @@ def write_table(name: str, table: pd.DataFrame) -> None:
 def this_run() -> dict[str, str]:
     """Date, version, commit and machine of a run that starts now; its tables change no commit."""
     day = datetime.now(UTC)
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     code = (git("rev-parse", "--short=8", "HEAD") or "unknown").strip()
     changed = git("status", "--porcelain", "--untracked-files=no", "--", ".", ":!docs")
     return {
         "date": f"{day.day} {day:%B %Y}",
-        "isi": version("isi-kge"),
+        "isi": project["version"],
         "commit": code + (" with changes" if changed else ""),
         "machine": (
             f"{processor()}, {os.cpu_count()} cores, {platform.system()}; "
