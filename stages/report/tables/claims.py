@@ -123,11 +123,19 @@ CLAIMS = (
         seeds=["paper_transfer.sessions.seeds"],
     ),
     Claim(
-        "After transfer, Xavier needs the most epochs (“only Xavier required” some)",
+        "After transfer, Xavier needs the most epochs",
         "6.3",
         "transfer: epochs to convergence",
         ("Xavier", *OTHERS),
         [("Xavier", name) for name in OTHERS],
+        seeds=["paper_transfer.finetuned.seeds"],
+    ),
+    Claim(
+        "After transfer, no other needs any (“only Xavier required”)",
+        "6.3",
+        "transfer: epochs to convergence",
+        OTHERS,
+        [(0.0, name) for name in OTHERS],
         seeds=["paper_transfer.finetuned.seeds"],
     ),
     Claim(
