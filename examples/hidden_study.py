@@ -32,6 +32,7 @@ parser.add_argument(
 )
 parser.add_argument("--fraction", type=float, default=0.1, help="of the entities, hidden (0.1)")
 parser.add_argument("--epochs", type=int, default=40, help="of training (40)")
+parser.add_argument("--rate", type=float, default=0.1, help="of learning, with Adam (0.1)")
 parser.add_argument(
     "--tables", type=Path, help="existing folder for hidden.csv and hidden_methods.csv"
 )
@@ -50,7 +51,7 @@ def trained(factory: TriplesFactory, seed: int) -> ComplEx:
     given = {"embedding_dim": 32, "loss": "crossentropy", "random_seed": seed}
     model = ComplEx(triples_factory=factory, regularizer=None, **given)
     loop = LCWATrainingLoop(
-        model=model, triples_factory=factory, optimizer=Adam(model.parameters(), lr=0.02)
+        model=model, triples_factory=factory, optimizer=Adam(model.parameters(), lr=settings.rate)
     )
     loop.train(factory, settings.epochs, batch_size=256, use_tqdm=False, pin_memory=False)
     return model.eval()
